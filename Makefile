@@ -1,0 +1,35 @@
+# `make demo` and `make test` set up all they need in .venv: Python 3.10 to 3.13, git and make are enough.
+
+SUPPORTED := import sys; sys.exit(not (3, 10) <= sys.version_info[:2] <= (3, 13))
+PYTHON ?= $(shell for python in python3 python3.12 python3.11 python3.13 python3.10; do \
+	$$python -c '$(SUPPORTED)' 2>/dev/null && { echo $$python; break; }; done)
+BIN := .venv/bin
+PACKAGE := setup.py package.xml $(wildcard config/* launch/*)
+
+.PHONY: demo test lint clean
+
+demo: .venv/installed
+	$(BIN)/lrtrav demo --output demo --overwrite
+
+test: .venv/installed-for-tests
+	$(BIN)/pytest
+
+lint: .venv/installed-for-tests
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+
+clean:
+	rm -rf .venv build install log demo *.egg-info
+
+$(BIN)/python:
+	@test -n "$(PYTHON)" || { echo "No Python 3.10 to 3.13 found: install one, or name it: make PYTHON=/path/to/python"; exit 1; }
+	$(PYTHON) -m venv .venv
+
+.venv/installed: $(BIN)/python $(PACKAGE)
+	$(BIN)/pip install --quiet --disable-pip-version-check --editable .
+	touch $@
+
+.venv/installed-for-tests: $(BIN)/python $(PACKAGE)
+	$(BIN)/pip install --quiet --disable-pip-version-check --editable .[test]
+	touch $@ .venv/installed

@@ -1,0 +1,69 @@
+"""Calibration messages of either ROS, told by their fields, as `StereoCamera`."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from lrtrav_ros.camera import StereoCamera
+
+VIRTUAL_BASELINE_M = 0.12
+"""Expresses depth as disparity where a depth camera comes without a baseline; that of small stereo cameras."""
+
+
+def stereo_camera(left: Any, right: Any) -> StereoCamera:
+    """Return the calibration of a rectified pair from its two ``sensor_msgs/CameraInfo``.
+
+    Raises
+    ------
+    ValueError
+        If the projection matrices hold no focal length or no baseline.
+    """
+    return _camera(left, baseline_m=_baseline_m(right))
+
+
+def depth_camera(left: Any, right: Any | None = None) -> StereoCamera:
+    """Return the calibration of a depth camera; `VIRTUAL_BASELINE_M` is taken where there is no right camera.
+
+    Raises
+    ------
+    ValueError
+        If the projection matrices hold no focal length, or that of the right camera no baseline.
+    """
+    return _camera(left, baseline_m=VIRTUAL_BASELINE_M if right is None else _baseline_m(right))
+
+
+def disparity_camera(disparity: Any, left: Any) -> StereoCamera:
+    """Return the calibration that a ``stereo_msgs/DisparityImage`` carries; `left` adds the principal point.
+
+    Raises
+    ------
+    ValueError
+        If focal length or baseline are not positive.
+    """
+    if not disparity.f > 0 or not disparity.t > 0:
+        raise ValueError(
+            f"the disparity image has f = {disparity.f:g} and t = {disparity.t:g}; "
+            "both the focal length [px] and the baseline [m] must be positive"
+        )
+    camera = _camera(left, baseline_m=disparity.t)
+    return StereoCamera(fx=disparity.f, fy=camera.fy, cx=camera.cx, cy=camera.cy, baseline_m=disparity.t)
+
+
+def _baseline_m(right: Any) -> float:
+    """Return the baseline, of which the right camera's P[3] is -focal length * baseline."""
+    focal_length, shift = float(right.p[0]), float(right.p[3])
+    if not focal_length > 0 or not shift < 0:
+        raise ValueError(
+            f"the right camera's CameraInfo has P[0] = {focal_length:g} and P[3] = {shift:g}, thus no baseline; "
+            "calibrate the pair, so that P[0] is the focal length and P[3] is -focal length * baseline"
+        )
+    return -shift / focal_length
+
+
+def _camera(info: Any, *, baseline_m: float) -> StereoCamera:
+    """Return the camera that a projection matrix describes."""
+    fx, cx, fy, cy = (float(info.p[i]) for i in (0, 2, 5, 6))
+    try:
+        return StereoCamera(fx=fx, fy=fy, cx=cx, cy=cy, baseline_m=float(baseline_m))
+    except ValueError as err:
+        raise ValueError(f"CameraInfo of {info.header.frame_id!r} is not calibrated: {err}") from err

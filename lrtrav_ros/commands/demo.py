@@ -1,0 +1,190 @@
+"""Shows all of it: renders a stereo sequence, replays it through both nodes over DDS, scores and draws the masks."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from lrtrav_ros.synthetic import SyntheticFrame
+
+_TOPICS = (
+    "short_range/occupancy",
+    "short_range/mask",
+    "long_range/occupancy",
+    "long_range/mask",
+    "long_range/superpixels",
+    "long_range/clusters",
+)
+_START_S = 90.0  # kernels are compiled at the first start
+_END_S = 10.0
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Describe the command's arguments."""
+    parser.add_argument(
+        "--output", type=Path, default=Path("demo"), metavar="DIR", help="folder to write (%(default)s)"
+    )
+    parser.add_argument("--overwrite", action="store_true", help="replace an output folder that exists, when finished")
+    parser.add_argument("--frames", type=int, default=30, metavar="N", help="stereo pairs to render (%(default)s)")
+    parser.add_argument("--seed", type=int, default=3, help="makes the scene (%(default)s)")
+    parser.add_argument(
+        "--rate", type=float, default=0.5, help="speed of the replay; its sequence has 10 Hz (%(default)s)"
+    )
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run the demonstration; it fails where no mask came back."""
+    from lrtrav_ros.results import output_folder
+    from lrtrav_ros.synthetic import SceneConfig
+
+    scene = SceneConfig(seed=args.seed, n_frames=args.frames)
+    with output_folder(args.output, overwrite=args.overwrite) as path:
+        path.mkdir(parents=True, exist_ok=True)
+        with _process("detector", "--ros-args", "-r", f"__ns:={_namespace()}") as detector:
+            frames = _render(scene, path / "bag")
+            results = _replay(path / "bag", detector, n_frames=len(frames), rate=args.rate)
+        scored = [frame for frame in frames if len(results.get(_stamp(frame), {})) == len(_TOPICS)]
+        if not scored:
+            raise RuntimeError("no masks came back from the nodes; look for their messages above")
+        _write(path, scored, results)
+    for line in _table(scored, len(frames), results):
+        print(line)
+    print(f"\n{args.output}/overlay.mp4, {args.output}/stages.png, masks in {args.output}/long_range")
+    return 0
+
+
+def _namespace() -> str:
+    """A namespace of this process's own: a detector that runs on the same machine is left alone."""
+    return f"/lrtrav_demo_{os.getpid()}"
+
+
+@contextmanager
+def _process(*arguments: str) -> Iterator[subprocess.Popen[bytes]]:
+    """Run ``lrtrav ARGUMENTS``; at the end it is interrupted, as by Ctrl-C."""
+    import signal
+
+    environment = {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST", **os.environ}
+    process = subprocess.Popen([sys.executable, "-m", "lrtrav_ros", *arguments], env=environment)
+    try:
+        yield process
+    finally:
+        if process.poll() is None:
+            process.send_signal(signal.SIGINT)
+        try:
+            process.wait(_END_S)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
+
+
+def _render(scene: Any, bag: Path) -> list[SyntheticFrame]:
+    from tqdm import tqdm
+
+    from lrtrav_ros.bags import write_stereo_bag
+    from lrtrav_ros.synthetic import render_sequence
+
+    frames = list(tqdm(render_sequence(scene), total=scene.n_frames, desc="render", unit="frame", disable=None))
+    write_stereo_bag(bag, (frame.frame for frame in frames))
+    return frames
+
+
+def _replay(
+    bag: Path, detector: subprocess.Popen[bytes], *, n_frames: int, rate: float
+) -> dict[int, dict[str, NDArray[Any]]]:
+    """Replay the bag through the running detector; return the images that come back, by stamp and topic."""
+    os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    from tqdm import tqdm
+
+    from lrtrav_ros.nodes.collector import Collector
+
+    with Collector(_TOPICS, namespace=_namespace()) as collector:
+        print("waiting for the detector; its first start compiles kernels")
+        if not collector.spin_until(
+            lambda: collector.publishers_are_there() or detector.poll() is not None, timeout_s=_START_S
+        ):
+            raise RuntimeError(f"the detector was not ready within {_START_S:.0f} s")
+        with (
+            _process("replay", str(bag), "--rate", str(rate), "--ros-args", "-r", f"__ns:={_namespace()}") as replay,
+            tqdm(total=n_frames, desc="detect", unit="frame", disable=None) as bar,
+        ):
+
+            def finished() -> bool:
+                bar.update(collector.n_complete() - bar.n)
+                return detector.poll() is not None or replay.poll() is not None
+
+            collector.spin_until(finished, timeout_s=_START_S + n_frames / rate)
+            last_news = time.monotonic()
+
+            def silent() -> bool:
+                nonlocal last_news
+                if collector.n_complete() > bar.n:
+                    last_news = time.monotonic()
+                bar.update(collector.n_complete() - bar.n)
+                return bar.n >= n_frames or time.monotonic() - last_news > 2.0
+
+            collector.spin_until(silent, timeout_s=_END_S)
+        return dict(collector.images)
+
+
+def _stamp(frame: SyntheticFrame) -> int:
+    stamp_ns = frame.frame.stamp_ns
+    return 0 if stamp_ns is None else stamp_ns
+
+
+def _write(path: Path, frames: Sequence[SyntheticFrame], results: dict[int, dict[str, NDArray[Any]]]) -> None:
+    """Write masks, pictures and the video."""
+    import cv2
+    from tqdm import tqdm
+
+    from lrtrav_ros.images import write_image
+    from lrtrav_ros.pictures import stages_picture
+
+    height, width = frames[0].truth.shape
+    video = cv2.VideoWriter(str(path / "overlay.mp4"), cv2.VideoWriter.fourcc(*"mp4v"), 10.0, (2 * width, height))
+    for frame in tqdm(frames, desc="write", unit="frame", disable=None):
+        images = results[_stamp(frame)]
+        for mask in ("short_range", "long_range"):
+            (path / mask).mkdir(exist_ok=True)
+            write_image(path / mask / f"{frame.frame.name}.png", images[f"{mask}/mask"])
+        video.write(_side_by_side(frame, images))
+    video.release()
+    middle = frames[len(frames) // 2]
+    images = results[_stamp(middle)]
+    picture = stages_picture(
+        middle.frame.left,
+        short_range=images["short_range/occupancy"],
+        superpixels=images["long_range/superpixels"],
+        clusters=images["long_range/clusters"],
+        long_range=images["long_range/occupancy"],
+    )
+    write_image(path / "stages.png", picture)
+
+
+def _side_by_side(frame: SyntheticFrame, images: dict[str, NDArray[Any]]) -> NDArray[np.uint8]:
+    import numpy as np
+
+    from lrtrav_ros.pictures import colour_image, overlay
+
+    drawn = overlay(frame.frame.left, images["short_range/occupancy"], images["long_range/occupancy"])
+    return np.hstack([colour_image(frame.frame.left), drawn])
+
+
+def _table(frames: Sequence[SyntheticFrame], n_sent: int, results: dict[int, dict[str, NDArray[Any]]]) -> list[str]:
+    from lrtrav_ros.evaluation.scores import mean_scores, score
+
+    lines = [f"\n{len(frames)} of {n_sent} frames detected", f"{'mask':12} {'precision':>9} {'recall':>7} {'RMSE':>7}"]
+    for mask in ("short_range", "long_range"):
+        mean = mean_scores([score(results[_stamp(frame)][f"{mask}/mask"], frame.truth) for frame in frames])
+        lines.append(f"{mask:12} {mean.precision:9.3f} {mean.recall:7.3f} {mean.rmse:7.3f}")
+    return lines

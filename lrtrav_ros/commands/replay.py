@@ -1,0 +1,69 @@
+"""``replay``: publishes the stereo topics of a rosbag, of ROS 1 or ROS 2, in the bag's own timing."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from lrtrav_ros.topics import PARTNER
+
+PASSES_ROS_ARGS = True
+
+DESCRIPTION = """\
+Publishes the stereo topics of a rosbag (ROS 1 or ROS 2), in the bag's own timing, under the names that the detector
+subscribes to. Beside `ros2 run lrtrav_ros detector`, it needs nothing else:
+  ros2 run lrtrav_ros replay recording.mcap
+  ros2 run lrtrav_ros replay recording.bag --rate 0.5 --loop --remap /cam0/image_raw:=left/image_rect
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the command's arguments."""
+    parser.description = DESCRIPTION
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    parser.epilog = "Everything after --ros-args goes to ROS, such as -r __ns:=/front_camera."
+    parser.add_argument("bag", type=Path, help=".bag, .mcap or .db3 file, or the folder of a ROS 2 bag")
+    parser.add_argument("--rate", type=float, default=1.0, help="factor on the speed (%(default)s)")
+    parser.add_argument("--loop", action="store_true", help="start over at the end, until interrupted")
+    parser.add_argument("--start", type=float, default=0.0, metavar="S", help="begin this many seconds into the bag")
+    parser.add_argument("--duration", type=float, metavar="S", help="end after this many seconds of the bag")
+    parser.add_argument(
+        "--remap",
+        action="append",
+        default=[],
+        metavar="FROM:=TO",
+        help="publish the bag's topic FROM as TO, such as left/image_rect; can be repeated",
+    )
+    parser.add_argument(
+        "--source", choices=PARTNER, default="stereo", help="what to publish of a bag that holds several (%(default)s)"
+    )
+    parser.add_argument("--all", action="store_true", help="publish the bag's other topics too, such as /tf")
+    parser.add_argument("--clock", action="store_true", help="publish /clock")
+    parser.add_argument("--no-wait", action="store_true", help="begin at once, not when somebody subscribes")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Publish the bag; return the exit status."""
+    from lrtrav_ros.nodes.replay import ReplayOptions, replay
+
+    options = ReplayOptions(
+        source=args.source,
+        rate=args.rate,
+        loop=args.loop,
+        start_s=args.start,
+        duration_s=args.duration,
+        remap=dict(_remap(text) for text in args.remap),
+        all_topics=args.all,
+        clock=args.clock,
+        wait=not args.no_wait,
+    )
+    replay(args.bag, options, ros_args=args.ros_args)
+    return 0
+
+
+def _remap(text: str) -> tuple[str, str]:
+    """Return both topics of ``FROM:=TO``."""
+    topic, separator, name = text.partition(":=")
+    if not topic or not separator or not name:
+        raise ValueError(f"--remap {text}: write FROM:=TO, such as /cam0/image_raw:=left/image_rect")
+    return topic, name

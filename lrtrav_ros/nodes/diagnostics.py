@@ -1,0 +1,92 @@
+"""What a node says of itself on ``/diagnostics``, once a second."""
+
+from __future__ import annotations
+
+import math
+import time
+import traceback
+from collections.abc import Callable
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
+from rclpy.node import Node
+
+from lrtrav_ros.nodes.pairing import Side
+from lrtrav_ros.nodes.worker import Worker
+
+PERIOD_S = 1.0
+_LOG_PERIOD_S = 60.0
+
+
+class Diagnostics:
+    """Publishes a worker's counts, and a problem as a warning.
+
+    Parameters
+    ----------
+    problem
+        Returns why nothing reaches the worker; empty where something does.
+    main
+        Returns the topic whose messages count as frames.
+    """
+
+    def __init__(
+        self, node: Node, worker: Worker[Any], problem: Callable[[], str], main: Callable[[], Side[Any]]
+    ) -> None:
+        self._node = node
+        self._worker = worker
+        self._problem = problem
+        self._main = main
+        self._logged_s = -math.inf
+        self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", 10)
+        # The node's own clock stands still where simulated time does.
+        node.create_timer(PERIOD_S, self._publish, clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+    def _publish(self) -> None:
+        problem = self._problem()
+        self._log(problem)
+        if not problem and self._worker.error:
+            problem = f"last frame failed: {self._worker.error}"
+        message = DiagnosticArray(status=[self._status(problem)])
+        message.header.stamp = self._node.get_clock().now().to_msg()
+        self._publisher.publish(message)
+
+    def _log(self, problem: str) -> None:
+        """Warn when a problem begins, and each minute that it lasts."""
+        if not problem:
+            self._logged_s = -math.inf
+        elif time.monotonic() - self._logged_s > _LOG_PERIOD_S:
+            self._logged_s = time.monotonic()
+            self._node.get_logger().warning(problem)
+
+    def _status(self, problem: str) -> DiagnosticStatus:
+        worker = self._worker
+        values = {
+            "frames received": self._main().received,
+            "frames processed": worker.processed,
+            "frames dropped": worker.dropped,
+            "frames failed": worker.failed,
+            "frames unpaired": self._main().unpaired,
+            "rate [Hz]": f"{worker.rate_hz:.2f}",
+            "last frame [ms]": f"{worker.last_ms:.1f}",
+            "median frame [ms]": f"{worker.median_ms:.1f}",
+        }
+        return DiagnosticStatus(
+            level=DiagnosticStatus.WARN if problem else DiagnosticStatus.OK,
+            name=f"{self._node.get_name()}: frames",
+            hardware_id=self._node.get_fully_qualified_name(),
+            message=problem or "running",
+            values=[KeyValue(key=key, value=str(value)) for key, value in values.items()],
+        )
+
+
+def report_failure(node: Node, err: Exception) -> None:
+    """Log why a frame was skipped, with a traceback where that is unexpected."""
+    if not node.context.ok():
+        return  # the node is ending: publishing fails then
+    if isinstance(err, ValueError):
+        node.get_logger().warning(f"frame skipped: {err}", throttle_duration_sec=5.0)
+    else:
+        text = "".join(traceback.format_exception(err))
+        node.get_logger().error(f"frame skipped: {text}", throttle_duration_sec=5.0)

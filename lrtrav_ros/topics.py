@@ -1,0 +1,124 @@
+"""Names of the inputs' topics: what the nodes subscribe to, and what a recording is searched for."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+
+LEFT_IMAGE = "left/image_rect"
+RIGHT_IMAGE = "right/image_rect"
+LEFT_INFO = "left/camera_info"
+RIGHT_INFO = "right/camera_info"
+DISPARITY = "disparity"
+DEPTH_IMAGE = "depth/image_rect"
+
+PARTNER = {"stereo": RIGHT_IMAGE, "disparity": DISPARITY, "depth": DEPTH_IMAGE}
+"""What goes with the left image, for each source of disparity; in the order of preference."""
+
+IMAGE_TYPE = "sensor_msgs/msg/Image"
+COMPRESSED_TYPE = "sensor_msgs/msg/CompressedImage"
+INFO_TYPE = "sensor_msgs/msg/CameraInfo"
+DISPARITY_TYPE = "stereo_msgs/msg/DisparityImage"
+
+_TYPES = {
+    LEFT_IMAGE: (IMAGE_TYPE, COMPRESSED_TYPE),
+    RIGHT_IMAGE: (IMAGE_TYPE, COMPRESSED_TYPE),
+    DISPARITY: (DISPARITY_TYPE,),
+    DEPTH_IMAGE: (IMAGE_TYPE, COMPRESSED_TYPE),
+    LEFT_INFO: (INFO_TYPE,),
+    RIGHT_INFO: (INFO_TYPE,),
+}
+_IMAGE_OF = {LEFT_INFO: LEFT_IMAGE, RIGHT_INFO: RIGHT_IMAGE}
+_TRANSPORTS = ("", "/compressed", "/compressedDepth")
+
+
+def required_inputs(source: str) -> tuple[str, ...]:
+    """Return the canonical names of the topics without which there are no frames of a source."""
+    infos = (LEFT_INFO, RIGHT_INFO) if source == "stereo" else (LEFT_INFO,)
+    return (LEFT_IMAGE, PARTNER[source], *infos)
+
+
+def find_inputs(topics: Mapping[str, str], source: str, remaps: Mapping[str, str]) -> tuple[str, dict[str, str]]:
+    """Find the inputs among the topics of a recording, under any one namespace.
+
+    Parameters
+    ----------
+    topics
+        Type of each topic.
+    source
+        The preferred one of ``stereo``, ``disparity`` and ``depth``.
+    remaps
+        Topics that the user names, by canonical name; the others are searched for.
+
+    Returns
+    -------
+    source : str
+        The preferred one where it is complete, else the first that is.
+    inputs : dict of str to str
+        The topic of each canonical name that is used.
+
+    Raises
+    ------
+    ValueError
+        If a remap names no input or no topic of its type, or if no source is complete; the message lists the topics.
+    """
+    # ROS 1 records relative names too.
+    absolute = {f"/{topic.strip('/')}": topic for topic in topics}
+    types = {name: topics[topic] for name, topic in absolute.items()}
+    named = {role: _remapped(types, role, topic) for role, topic in remaps.items()}
+    for kind in dict.fromkeys((source, *PARTNER)):
+        for namespace in _namespaces(types):
+            inputs = _inputs(types, namespace, named)
+            if all(role in inputs for role in required_inputs(kind)):
+                used = dict.fromkeys((*required_inputs(kind), RIGHT_INFO))
+                return kind, {role: absolute[inputs[role]] for role in used if role in inputs}
+    needed = "; or ".join(", ".join(required_inputs(kind)) for kind in PARTNER)
+    raise ValueError(f"lacks topics for frames; needed in one namespace are {needed}; there are {_listed(types)}")
+
+
+def _inputs(types: Mapping[str, str], namespace: str, named: Mapping[str, str]) -> dict[str, str]:
+    """Return the topic of each canonical name that is there under a namespace, or that the user names."""
+    found = dict(named)
+    for role in _TYPES:
+        if role in found:
+            continue
+        candidates = [f"{namespace}/{end}" for end in _ends(role)]
+        image = found.get(_IMAGE_OF.get(role, ""))
+        if image is not None:
+            # Calibration stands beside its image.
+            candidates.append(f"{image.removesuffix('/compressed').rpartition('/')[0]}/camera_info")
+        for topic in candidates:
+            if types.get(topic) in _TYPES[role]:
+                found[role] = topic
+                break
+    return found
+
+
+def _ends(role: str) -> list[str]:
+    """Return the names to look for in place of a canonical one, the best first."""
+    if role not in (LEFT_IMAGE, RIGHT_IMAGE, DEPTH_IMAGE):
+        return [role]
+    names = (role, f"{role}_color", role.replace("image_rect", "image_raw"))
+    return [f"{name}{transport}" for name in names for transport in _TRANSPORTS]
+
+
+def _namespaces(topics: Iterable[str]) -> list[str]:
+    """Return the namespaces under which there are any inputs, those with the fewest parts first."""
+    ends = [f"/{end}" for role in _TYPES for end in _ends(role)]
+    found = {topic.removesuffix(end) for topic in topics for end in ends if topic.endswith(end)}
+    return sorted(found | {""}, key=lambda namespace: (namespace.count("/"), namespace))
+
+
+def _remapped(types: Mapping[str, str], role: str, name: str) -> str:
+    """Return the topic that the user names, plain or compressed."""
+    if role not in _TYPES:
+        raise ValueError(f"{role!r} is no input that could be remapped; give one of {', '.join(_TYPES)}")
+    for transport in _TRANSPORTS:
+        topic = f"/{name.strip('/')}{transport}"
+        if types.get(topic) in _TYPES[role]:
+            return topic
+    kinds = " or ".join(_TYPES[role])
+    raise ValueError(f"has no topic {name!r} of type {kinds} for {role}; there are {_listed(types)}")
+
+
+def _listed(types: Mapping[str, str]) -> str:
+    return ", ".join(f"{topic} ({kind})" for topic, kind in sorted(types.items())) or "no topics at all"

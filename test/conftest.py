@@ -1,0 +1,30 @@
+"""The environment of ROS for the tests, set before anything of ROS is imported, and the fixtures of the node tests."""
+
+import importlib
+import os
+import tempfile
+import warnings
+
+from lrtrav_ros.nodes import transport  # imports nothing of ROS
+
+# A domain of its own keeps runs apart, of this user and of others on the same network.
+os.environ["ROS_DOMAIN_ID"] = str(1 + os.getpid() % 100)
+os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+os.environ["ROS_PYTHON_CHECK_FIELDS"] = "1"
+transport.use_large_segment()
+_LOGS = tempfile.TemporaryDirectory(prefix="lrtrav_ros_log_")
+os.environ["ROS_LOG_DIR"] = _LOGS.name
+
+import pytest  # noqa: E402
+
+
+@pytest.fixture(scope="session")
+def ros():
+    """Initialise rclpy for the run."""
+    rclpy = pytest.importorskip("rclpy")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of the parser that rclpy imports with the first message
+        importlib.import_module("rosidl_generator_py")
+    rclpy.init(args=[])
+    yield
+    rclpy.try_shutdown()

@@ -1,0 +1,91 @@
+"""The worker: the newest frame wins, every failure is counted, and none ends it."""
+
+import threading
+
+import pytest
+
+from lrtrav_ros.nodes.worker import Worker
+
+DEADLINE_S = 10
+
+
+class Job:
+    """Processes frames when it is let through; frames that are exceptions are raised."""
+
+    def __init__(self):
+        self.done = []
+        self.reported = []
+        self.entered = threading.Semaphore(0)
+        self.gate = threading.Semaphore(0)
+        self.finished = threading.Semaphore(0)
+        self.worker = Worker(self.process, failed=self.report)
+
+    def process(self, frame):
+        self.entered.release()
+        assert self.gate.acquire(timeout=DEADLINE_S)
+        if isinstance(frame, Exception):
+            raise frame
+        self.done.append(frame)
+        self.finished.release()
+
+    def report(self, err):
+        self.reported.append(err)
+        self.finished.release()
+
+
+@pytest.fixture
+def job():
+    job = Job()
+    yield job
+    for _ in range(10):
+        job.gate.release()
+    job.worker.close()
+
+
+def test_newest_wins_and_drops_are_counted(job):
+    job.worker.put(0)
+    assert job.entered.acquire(timeout=DEADLINE_S)
+    for frame in (1, 2, 3):
+        job.worker.put(frame)
+    job.gate.release()
+    job.gate.release()
+    assert job.finished.acquire(timeout=DEADLINE_S)
+    assert job.finished.acquire(timeout=DEADLINE_S)
+    job.worker.close()
+    assert job.done == [0, 3]
+    assert (job.worker.processed, job.worker.dropped, job.worker.failed) == (2, 2, 0)
+    assert job.worker.rate_hz > 0
+    assert job.worker.last_ms > 0
+    assert job.worker.median_ms > 0
+
+
+@pytest.mark.parametrize(("error", "text"), [(ValueError("too small"), "too small"), (KeyError(), "KeyError")])
+def test_a_failed_frame_is_reported_and_the_next_one_processed(job, error, text):
+    job.gate.release()
+    job.worker.put(error)
+    assert job.finished.acquire(timeout=DEADLINE_S)
+    assert job.reported == [error]
+    assert (job.worker.failed, job.worker.error) == (1, text)
+    job.gate.release()
+    job.worker.put(1)
+    assert job.finished.acquire(timeout=DEADLINE_S)
+    job.worker.close()
+    assert job.done == [1]
+    assert (job.worker.processed, job.worker.failed, job.worker.error) == (1, 1, "")
+
+
+def test_close_ends_the_thread_with_frames_waiting_and_twice(job):
+    job.worker.put(0)
+    assert job.entered.acquire(timeout=DEADLINE_S)
+    job.worker.put(1)
+    closing = threading.Thread(target=job.worker.close)
+    closing.start()
+    job.gate.release()
+    closing.join(DEADLINE_S)
+    assert not closing.is_alive()
+    job.worker.close()
+    assert job.done == [0]
+
+
+def test_figures_before_the_first_frame(job):
+    assert (job.worker.rate_hz, job.worker.last_ms, job.worker.median_ms) == (0.0, 0.0, 0.0)
