@@ -179,7 +179,7 @@ class StereoConfig(_Stage):
     prefix = "stereo."
 
     matcher: str = setting(
-        "sgbm",
+        "elas",
         "elas: the paper's matcher; sgbm, bm: OpenCV's semi-global and block matcher",
         choices=("elas", "sgbm", "bm"),
     )
@@ -190,7 +190,9 @@ class StereoConfig(_Stage):
         maximum=512,
         unit="px",
     )
-    half_resolution: bool = setting(False, "match every second row and column: about three times as fast")
+    half_resolution: bool = setting(
+        False, "match every second row and column: faster and coarser; the result has full size"
+    )
     block_size: int = setting(
         0,
         "matching window of sgbm and bm, rounded up to an odd number, for bm at least 5; 0 for 5 (sgbm) and 15 (bm)",
@@ -295,7 +297,7 @@ class GroundConfig(_Stage):
         "a plane that bends along the way, for crests and slopes",
         choices=("line", "plane", "curved"),
     )
-    noise_px: float = setting(0.75, "precision of disparities", minimum=0.0, maximum=20.0, unit="px")
+    noise_px: float = setting(0.4, "precision of disparities", minimum=0.0, maximum=20.0, unit="px")
     depth_noise_px: float = setting(
         0.2, "precision of disparities that come from a depth image", minimum=0.0, maximum=20.0, unit="px"
     )
@@ -465,6 +467,7 @@ class Config(_Stage):
 # The letter of the paper, where it differs from the defaults above.
 _PAPER: dict[str, Value] = {
     "ground.shape": "line",
+    "ground.noise_px": 1.0,
     "ground.min_obstacle_m": 0.0,
     "ground.max_hole_px": 0,
     "clustering.k": 0,

@@ -23,8 +23,11 @@ from numpy.typing import NDArray
 
 from lrtrav_ros.config import SuperpixelsConfig
 
-# Connected pieces smaller than this share of a grid cell are fragments [2].
+# Connected pieces smaller than this share of a grid cell are fragments, which join a neighbour. With 0.3, about as many
+# superpixels come out as were asked for: fragments that go make up for larger pieces that become superpixels.
 _FRAGMENT = 0.3
+
+_kernel = numba.njit(cache=True, nogil=True)
 
 
 def preemptive_slic(image: NDArray[np.uint8], config: SuperpixelsConfig | None = None) -> NDArray[np.int32]:
@@ -63,7 +66,7 @@ def preemptive_slic(image: NDArray[np.uint8], config: SuperpixelsConfig | None =
 
 
 def _lab(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Return the (3, H, W) planes L, a, b, each on OpenCV's 8-bit scale."""
+    """Return the (3, H, W) planes L, a, b, each on OpenCV's scale of 8 bit, on which compactness is measured too."""
     if image.dtype != np.uint8:
         raise ValueError(f"image has dtype {image.dtype}; give 8-bit values (uint8)")
     if image.ndim not in (2, 3) or image.shape[2:] not in ((), (3,)):
@@ -71,11 +74,9 @@ def _lab(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
     if image.size == 0:
         raise ValueError(f"image has shape {image.shape}; give one with at least one pixel")
     if image.ndim == 2:
-        image = cv2.cvtColor(image, cv2.COLOR_GRAY2BGR)
-    lab = cv2.cvtColor(image, cv2.COLOR_BGR2LAB)
-    planes = np.empty((3, *lab.shape[:2]), np.uint8)
-    cv2.split(lab, list(planes))
-    return planes
+        image = np.repeat(image[..., np.newaxis], 3, axis=2)
+    lab = cv2.cvtColor(np.ascontiguousarray(image), cv2.COLOR_BGR2LAB)
+    return np.stack(cv2.split(lab))
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,7 +91,7 @@ class _Grid:
     @classmethod
     def fit(cls, height: int, width: int, n_cells: int) -> _Grid:
         """Return the grid of about `n_cells` nearly square cells."""
-        rows = min(max(round(math.sqrt(n_cells * height / width)), 1), height)
+        rows = min(max(round(math.sqrt(n_cells * height / width)), 1), height, n_cells)
         cols = min(max(round(n_cells / rows), 1), width)
         return cls(height, width, rows, cols)
 
@@ -101,8 +102,8 @@ class _Grid:
 
     @property
     def reach_px(self) -> float:
-        """Half the side of a cluster's window: S, or what it takes to cover an oblong cell."""
-        return max(self.step_px, self.height / self.rows / 2, self.width / self.cols / 2)
+        """Half the side of a cluster's window: S, or what covers an oblong cell from its middle, rounded."""
+        return max(self.step_px, self.height / self.rows / 2 + 2, self.width / self.cols / 2 + 2)
 
     def cells(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Return what each row (H,) and each column (W,) of the image add to the index of a pixel's cell."""
@@ -126,7 +127,7 @@ class _Grid:
 
 
 def _cluster(lab: NDArray[np.uint8], grid: _Grid, config: SuperpixelsConfig) -> NDArray[np.int16]:
-    """Return the cluster of each pixel, not yet connected ([1], section III-B)."""
+    """Return the cluster of each pixel: SLIC with the preemption of [1]. Clusters need not be connected yet."""
     labels = np.full(lab.shape[1:], -1, np.int16)
     distance = np.full(labels.shape, np.inf, np.float32)
     centres = grid.centres(lab)
@@ -146,7 +147,7 @@ def _cluster(lab: NDArray[np.uint8], grid: _Grid, config: SuperpixelsConfig) -> 
     return labels
 
 
-@numba.njit(cache=True, nogil=True)
+@_kernel
 def _sweep(lab, centres, visited, weight, reach, cell_row, cell_col, distance, labels, sums):  # type: ignore[no-untyped-def]
     """Visit the active clusters, which `visited` holds from top to bottom, row by row of the image.
 
@@ -168,15 +169,15 @@ def _sweep(lab, centres, visited, weight, reach, cell_row, cell_col, distance, l
             before[x] = labels[y, x]
         for k in visited[first:last]:
             cl, ca, cb, cx, cy = centres[k, 0], centres[k, 1], centres[k, 2], centres[k, 3], centres[k, 4]
-            left = min(max(0, round(cx) - count // 2), width - count)
+            left = min(max(0, int(cx) - count // 2), width - count)
             right = left + count
             row_l, row_a, row_b = lab[0, y, left:right], lab[1, y, left:right], lab[2, y, left:right]
             across, nearest, owner = columns[left:right], distance[y, left:right], labels[y, left:right]
-            down = weight * (np.float32(y) - cy) ** 2
+            dy = np.float32(y) - cy
             for x in range(count):
                 dl, da, db = np.float32(row_l[x]) - cl, np.float32(row_a[x]) - ca, np.float32(row_b[x]) - cb
                 dx = across[x] - cx
-                d = dl * dl + da * da + db * db + (weight * dx * dx + down)
+                d = dl * dl + da * da + db * db + weight * (dx * dx + dy * dy)
                 # Its own pixels are at a stale distance, since the centre moved. Selects, not branches: they vectorise.
                 take = (d < nearest[x]) | (owner[x] == k)
                 nearest[x] = d if take else nearest[x]
@@ -190,7 +191,7 @@ def _sweep(lab, centres, visited, weight, reach, cell_row, cell_col, distance, l
     return changes
 
 
-@numba.njit(cache=True, nogil=True)
+@_kernel
 def _add(sums, k, lab, y, x, sign):  # type: ignore[no-untyped-def]
     """Add a pixel to cluster `k`'s sums of L, a, b, x, y and pixels, or take it away."""
     sums[k, 0] += sign * lab[0, y, x]
@@ -209,7 +210,7 @@ def _connect(lab: NDArray[np.uint8], labels: NDArray[np.int16], min_size: float)
     return np.repeat(owner[piece], np.diff(runs[:, 0])).reshape(labels.shape)
 
 
-@numba.njit(cache=True, nogil=True)
+@_kernel
 def _cut(lab, labels):  # type: ignore[no-untyped-def]
     """Cut the rows into runs of one label.
 
@@ -234,7 +235,7 @@ def _cut(lab, labels):  # type: ignore[no-untyped-def]
     return runs[: n + 1], rows
 
 
-@numba.njit(cache=True, nogil=True)
+@_kernel
 def _link(labels, runs, rows):  # type: ignore[no-untyped-def]
     """Join the runs of one label that touch to pieces.
 
@@ -266,7 +267,7 @@ def _link(labels, runs, rows):  # type: ignore[no-untyped-def]
     return parent, edges[:n_edges]
 
 
-@numba.njit(cache=True, nogil=True)
+@_kernel
 def _find(parent, i):  # type: ignore[no-untyped-def]
     """Return the root of the tree that `i` is in: its smallest member."""
     while parent[i] != i:
@@ -275,7 +276,7 @@ def _find(parent, i):  # type: ignore[no-untyped-def]
     return i
 
 
-@numba.njit(cache=True, nogil=True)
+@_kernel
 def _join(parent, i, j):  # type: ignore[no-untyped-def]
     """Make one tree of those of `i` and `j`; return its root and the root that is none any more."""
     i, j = _find(parent, i), _find(parent, j)
@@ -283,7 +284,7 @@ def _join(parent, i, j):  # type: ignore[no-untyped-def]
     return min(i, j), max(i, j)
 
 
-@numba.njit(cache=True, nogil=True)
+@_kernel
 def _number(parent):  # type: ignore[no-untyped-def]
     """Replace each entry of a forest by the number of its tree, 0 .. n - 1 in the order of the roots."""
     n = 0
@@ -293,10 +294,9 @@ def _number(parent):  # type: ignore[no-untyped-def]
             n += 1
         else:
             parent[i] = parent[parent[i]]
-    return n
 
 
-@numba.njit(cache=True, nogil=True)
+@_kernel
 def _merge(runs, piece, edges, min_size):  # type: ignore[no-untyped-def]
     """Return the superpixel of each piece, numbered by their first pixels.
 
@@ -319,7 +319,7 @@ def _merge(runs, piece, edges, min_size):  # type: ignore[no-untyped-def]
     return owner
 
 
-@numba.njit(cache=True, nogil=True)
+@_kernel
 def _sums(runs, piece):  # type: ignore[no-untyped-def]
     """Return the number of pixels of each piece and the sums of their L, a, b."""
     sums = np.zeros((piece.max() + 1, 4), np.int64)
@@ -329,9 +329,12 @@ def _sums(runs, piece):  # type: ignore[no-untyped-def]
     return sums
 
 
-@numba.njit(cache=True, nogil=True)
+@_kernel
 def _choose(sums, owner, edges, min_size):  # type: ignore[no-untyped-def]
-    """Return the number of edges that matter, moved to the front, and each small piece's choice, else -1."""
+    """Return the number of edges that matter, moved to the front, and each small piece's choice, else -1.
+
+    `latest` keeps out most of the pairs that come again and again along a border.
+    """
     n_pieces = len(sums)
     mean = np.empty((n_pieces, 3), np.float32)
     small = np.empty(n_pieces, np.bool_)
@@ -347,7 +350,8 @@ def _choose(sums, owner, edges, min_size):  # type: ignore[no-untyped-def]
         a, b = owner[edges[i, 0]], owner[edges[i, 1]]
         if a == b or latest[a] == b or latest[b] == a or not (small[a] or small[b]):
             continue
-        edges[kept, 0], edges[kept, 1] = latest[b], latest[a] = a, b
+        latest[a], latest[b] = b, a
+        edges[kept, 0], edges[kept, 1] = a, b
         kept += 1
         d = (mean[a, 0] - mean[b, 0]) ** 2 + (mean[a, 1] - mean[b, 1]) ** 2 + (mean[a, 2] - mean[b, 2]) ** 2
         if small[a] and d < nearest[a]:

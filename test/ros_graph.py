@@ -117,15 +117,20 @@ class Graph:
         return matching()[0]
 
     def status(self, node, predicate=lambda status: True):
-        """Wait for a new diagnostic status of `node` for which `predicate` holds, and return it."""
-        seen = len(self.received["/diagnostics"])
+        """Wait for a diagnostic status of `node` from now on for which `predicate` holds, and return it."""
+        begin = time.time()
 
         def matching():
-            statuses = [item for array in self.received["/diagnostics"][seen:] for item in array.status]
+            arrays = [array for array in self.received["/diagnostics"] if _seconds(array) >= begin]
+            statuses = [item for array in arrays for item in array.status]
             return [item for item in statuses if item.name.startswith(f"{node}:") and predicate(item)]
 
         self.spin_until(matching, timeout_s=12.0)
         return matching()[-1]
+
+
+def _seconds(message):
+    return message.header.stamp.sec + message.header.stamp.nanosec / 1e9
 
 
 def value(status, key):

@@ -66,10 +66,10 @@ def test_geometry_of_a_flat_ground(height_m: float, pitch_deg: float, roll_deg: 
     line = detect_ground(np.where(disparity > 1, disparity + noise, 0).astype(np.float32), CAMERA).line
     assert line is not None
     assert line.camera_height_m(CAMERA) == pytest.approx(height_m, rel=0.02)
-    assert math.degrees(line.pitch_rad(CAMERA)) == pytest.approx(pitch_deg, abs=0.4)
+    assert math.degrees(line.pitch_rad(CAMERA)) == pytest.approx(pitch_deg, abs=0.5)  # 1.3 rows
     assert math.degrees(line.roll_rad(CAMERA)) == pytest.approx(roll_deg, abs=0.4)
     assert line.horizon_row(CAMERA.cx) == pytest.approx(
-        CAMERA.cy - CAMERA.fx * math.tan(math.radians(pitch_deg)) / math.cos(math.radians(roll_deg)), abs=1
+        CAMERA.cy - CAMERA.fx * math.tan(math.radians(pitch_deg)) / math.cos(math.radians(roll_deg)), abs=1.3
     )
 
 

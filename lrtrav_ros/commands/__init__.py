@@ -48,7 +48,7 @@ def run(name: str, arguments: Sequence[str], *, prog: str = "") -> int:
     """
     module = import_module(f"lrtrav_ros.commands.{name}")
     prog = prog or name
-    parser = argparse.ArgumentParser(prog=prog, description=module.__doc__.split("\n")[0])
+    parser = argparse.ArgumentParser(prog=prog, description=(module.__doc__ or "").split("\n")[0])
     module.add_arguments(parser)
     own, ros_args = _split_ros_args(arguments) if getattr(module, "PASSES_ROS_ARGS", False) else (arguments, [])
     args = parser.parse_args(own, argparse.Namespace(ros_args=ros_args))

@@ -63,6 +63,7 @@ class ShortRangeNode(Node):
 
     def _deliver(self, measurement: Measurement) -> None:
         """Take a frame from the input; the newest waits until the calibration is there."""
+        self._worker.dropped += self._held is not None
         self._held = measurement
         self._hand_over()
 
