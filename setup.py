@@ -11,6 +11,7 @@ EXECUTABLES = [
     "demo",
     "detect",
     "detector",
+    "evaluate",
     "generate",
     "long_range_node",
     "replay",
@@ -47,6 +48,7 @@ setup(
     ],
     extras_require={
         "cluster": ["distributed"],
+        "evaluation": ["scikit-learn>=1.3"],
         "test": [
             "catkin_pkg",
             "colcon-common-extensions",
@@ -54,6 +56,7 @@ setup(
             "mypy",
             "pytest",
             "ruff",
+            "scikit-learn>=1.3",
             "setuptools>=70.1,<80",
             "types-PyYAML",
             "types-tqdm",

@@ -7,12 +7,15 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import eigh
 
+from lrtrav_ros.blas import one_blas_thread
 from lrtrav_ros.config import ClusteringConfig
 
 _MAX_ITERATIONS = 100
 
 
+@one_blas_thread()
 def spectral_clusters(
     distances: NDArray[np.float64],
     config: ClusteringConfig = ClusteringConfig(),  # noqa: B008 - frozen
@@ -38,9 +41,10 @@ def spectral_clusters(
         raise ValueError(f"distances are {distances.shape}; give a square matrix of finite numbers")
     if len(distances) < 2:
         return np.zeros(len(distances), np.int32)
-    values, vectors = np.linalg.eigh(_normalised(affinity(distances)))
-    k = min(config.k or automatic_k(values[::-1]), len(distances))
-    embedded = vectors[:, ::-1][:, :k]
+    n = len(distances)
+    normalised = _normalised(affinity(distances))
+    k = min(config.k or automatic_k(np.linalg.eigvalsh(normalised)[::-1]), n)
+    embedded = eigh(normalised, subset_by_index=(n - k, n - 1))[1]
     norm = np.linalg.norm(embedded, axis=1, keepdims=True)
     embedded = embedded / np.where(norm > 0, norm, 1)
     rng = np.random.default_rng(config.seed)

@@ -86,10 +86,17 @@ def _evidence(
     occupancy: NDArray[np.uint8], superpixels: NDArray[np.int32], n: int
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Return the numbers of ground and of obstacle pixels in each of n superpixels."""
-    return (
-        np.bincount(superpixels[occupancy == GROUND], minlength=n),
-        np.bincount(superpixels[occupancy == OBSTACLE], minlength=n),
-    )
+    counts = np.zeros((n, 256), np.int64)
+    _count_values(occupancy, superpixels, counts)
+    return counts[:, GROUND], counts[:, OBSTACLE]
+
+
+@numba.njit(cache=True, nogil=True)
+def _count_values(image, superpixels, counts):  # type: ignore[no-untyped-def]
+    """Add each pixel of an 8-bit image to its value's count (n, 256) in its superpixel."""
+    for v in range(image.shape[0]):
+        for u in range(image.shape[1]):
+            counts[superpixels[v, u], image[v, u]] += 1
 
 
 @numba.njit(cache=True, nogil=True)

@@ -14,6 +14,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from lrtrav_ros.blas import one_blas_thread
 from lrtrav_ros.config import FeaturesConfig
 
 HSV_BINS = (9, 8, 6)
@@ -66,12 +67,12 @@ def weighted_sum(colour: NDArray[np.float64], texture: NDArray[np.float64]) -> N
 def colour_histograms(image: NDArray[np.uint8], superpixels: NDArray[np.int32]) -> NDArray[np.float32]:
     """Return the HSV histogram of each superpixel, float32 (n, 432), each with sum 1."""
     hue, saturation, value = _hsv_bins()
+    n_bins = int(np.prod(HSV_BINS))
     if image.ndim == 2:
-        bins = value[image]
-    else:
-        hsv = cv2.cvtColor(image, cv2.COLOR_BGR2HSV)
-        bins = hue[hsv[..., 0]] + saturation[hsv[..., 1]] + value[hsv[..., 2]]
-    return _histograms(bins, superpixels, int(np.prod(HSV_BINS)))
+        return _histograms(value[image], superpixels, n_bins)
+    counts = np.zeros((int(superpixels.max()) + 1, n_bins), np.float32)
+    _count_colours(cv2.cvtColor(image, cv2.COLOR_BGR2HSV), superpixels, hue, saturation, value, counts)
+    return _with_unit_sum(counts)
 
 
 def texture_histograms(
@@ -176,6 +177,7 @@ def _pattern(bits: list[NDArray[np.bool_]]) -> NDArray[np.uint8]:
     return pattern
 
 
+@one_blas_thread()
 def histogram_distances(histograms: NDArray[np.float32], distance: str = "correlation") -> NDArray[np.float64]:
     """Return the distance of each histogram to each, float64 (n, n), symmetric, zero on the diagonal.
 
@@ -257,7 +259,20 @@ def _histograms(bins: NDArray[np.uint16], superpixels: NDArray[np.int32], n_bins
     """Return the normalised histogram of `bins` (H, W) for each superpixel."""
     counts = np.zeros((int(superpixels.max()) + 1, n_bins), np.float32)
     _count(bins, superpixels, counts)
+    return _with_unit_sum(counts)
+
+
+def _with_unit_sum(counts: NDArray[np.float32]) -> NDArray[np.float32]:
     return counts / np.maximum(counts.sum(axis=1, keepdims=True), 1)
+
+
+@numba.njit(cache=True, nogil=True)
+def _count_colours(hsv, superpixels, hue, saturation, value, counts):  # type: ignore[no-untyped-def]
+    """Add each pixel to its joint bin, the sum of what its three bytes look up, of its superpixel's histogram."""
+    for v in range(hsv.shape[0]):
+        for u in range(hsv.shape[1]):
+            colour_bin = hue[hsv[v, u, 0]] + saturation[hsv[v, u, 1]] + value[hsv[v, u, 2]]
+            counts[superpixels[v, u], colour_bin] += 1
 
 
 @numba.njit(cache=True, nogil=True)

@@ -75,8 +75,9 @@ def _lab(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
         raise ValueError(f"image has shape {image.shape}; give one with at least one pixel")
     if image.ndim == 2:
         image = np.repeat(image[..., np.newaxis], 3, axis=2)
-    lab = cv2.cvtColor(np.ascontiguousarray(image), cv2.COLOR_BGR2LAB)
-    return np.stack(cv2.split(lab))
+    planes = np.empty((3, *image.shape[:2]), np.uint8)
+    cv2.split(cv2.cvtColor(np.ascontiguousarray(image), cv2.COLOR_BGR2LAB), list(planes))
+    return planes
 
 
 @dataclass(frozen=True, slots=True)
@@ -207,7 +208,16 @@ def _connect(lab: NDArray[np.uint8], labels: NDArray[np.int16], min_size: float)
     runs, rows = _cut(lab, labels)
     piece, edges = _link(labels, runs, rows)
     owner = _merge(runs, piece, edges, min_size)
-    return np.repeat(owner[piece], np.diff(runs[:, 0])).reshape(labels.shape)
+    connected = np.empty(labels.shape, np.int32)
+    _paint(runs, owner[piece], connected.ravel())
+    return connected
+
+
+@_kernel
+def _paint(runs, values, flat):  # type: ignore[no-untyped-def]
+    """Write each run's value to its pixels."""
+    for run in range(len(values)):
+        flat[runs[run, 0] : runs[run + 1, 0]] = values[run]
 
 
 @_kernel

@@ -22,10 +22,10 @@ _REFERENCE = "StereoSGBM"
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Describe the command's arguments."""
     parser.add_argument(
-        "--input", type=Path, metavar="INPUT", help="dataset folder or rosbag; a synthetic scene if not given"
+        "--input", type=Path, metavar="INPUT", help="dataset folder or rosbag; synthetic scenes of every style if not given"
     )
     parser.add_argument("--size", type=_size, default=(640, 480), metavar="WxH", help="of synthetic images (640x480)")
-    parser.add_argument("--frames", type=int, default=5, metavar="N", help="frames to use (%(default)s)")
+    parser.add_argument("--frames", type=int, default=8, metavar="N", help="frames to use (%(default)s)")
     parser.add_argument("--rounds", type=int, default=5, metavar="N", help="times that each is detected (%(default)s)")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the figures to a file as well")
     add_detection_options(parser)
@@ -134,11 +134,14 @@ def _frames(args: argparse.Namespace, config: Config) -> list[Frame]:
 
         with open_sequence(args.input, config.source) as sequence:
             return list(islice(sequence.frames(), args.frames))
-    from lrtrav_ros.synthetic import SceneConfig, render_sequence
+    from lrtrav_ros.synthetic import STYLES, SceneConfig, render_sequence
 
     width, height = args.size
-    scene = SceneConfig(width=width, height=height, n_frames=args.frames)
-    return [synthetic.frame for synthetic in render_sequence(scene)]
+    scenes = [
+        SceneConfig(style=STYLES[i % len(STYLES)], seed=i, width=width, height=height, n_frames=1)
+        for i in range(args.frames)
+    ]
+    return [synthetic.frame for scene in scenes for synthetic in render_sequence(scene)]
 
 
 def _table(figures: Figures) -> list[str]:
