@@ -6,7 +6,7 @@ PYTHON ?= $(shell for python in python3 python3.12 python3.11 python3.13 python3
 BIN := .venv/bin
 PACKAGE := setup.py package.xml $(wildcard config/* launch/*)
 
-.PHONY: demo test lint clean
+.PHONY: demo test lint tables clean
 
 demo: .venv/installed
 	$(BIN)/lrtrav demo --output demo --overwrite
@@ -18,6 +18,9 @@ lint: .venv/installed-for-tests
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+
+tables: .venv/installed
+	$(BIN)/python docs/make_tables.py
 
 clean:
 	rm -rf .venv build install log demo *.egg-info

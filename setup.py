@@ -1,6 +1,6 @@
 """Package of lrtrav_ros, for pip and for colcon (ament_python)."""
 
-from glob import glob
+from pathlib import Path
 
 from setuptools import find_packages, setup
 
@@ -27,18 +27,19 @@ setup(
     license="Apache-2.0",
     python_requires=">=3.10",
     packages=find_packages(include=["lrtrav_ros", "lrtrav_ros.*"]),
+    package_data={"lrtrav_ros.evaluation": ["report.css", "report.js"]},
     data_files=[
         ("share/ament_index/resource_index/packages", ["resource/lrtrav_ros"]),
         ("share/lrtrav_ros", ["package.xml"]),
-        ("share/lrtrav_ros/config", sorted(glob("config/*"))),
-        ("share/lrtrav_ros/launch", sorted(glob("launch/*.py"))),
+        ("share/lrtrav_ros/config", sorted(map(str, Path("config").iterdir()))),
+        ("share/lrtrav_ros/launch", ["launch/detector.launch.py"]),
     ],
     install_requires=[
         "numpy>=1.26",
         "scipy>=1.11",
         "opencv-python-headless>=4.6",
         "numba>=0.59",
-        "rosbags>=0.11.5",
+        "rosbags>=0.11.9",
         "joblib>=1.3",
         "threadpoolctl",
         "tqdm",
@@ -47,7 +48,7 @@ setup(
         f"ros-jazzy-common-interfaces; {ROS}",
     ],
     extras_require={
-        "cluster": ["distributed"],
+        "cluster": ["distributed", "joblib>=1.4"],
         "evaluation": ["scikit-learn>=1.3"],
         "test": [
             "catkin_pkg",
@@ -60,7 +61,7 @@ setup(
             "setuptools>=70.1,<80",
             "types-PyYAML",
             "types-tqdm",
-        ]
+        ],
     },
     zip_safe=True,
     entry_points={"console_scripts": [f"{name} = lrtrav_ros.commands:main" for name in EXECUTABLES]},

@@ -45,6 +45,14 @@ _ROS1 = get_typestore(Stores.ROS1_NOETIC)
 _ROS2 = get_typestore(Stores.ROS2_JAZZY)
 
 
+@dataclass(frozen=True, slots=True)
+class UnusableFrame:
+    """A frame that is recorded but cannot be used, and why."""
+
+    name: str
+    problem: str
+
+
 class StereoBag:
     """A rosbag that is open for reading as frames.
 
@@ -71,7 +79,9 @@ class StereoBag:
     inputs : dict of str to str
         Topic in the bag of each of the names above that is used.
     n_skipped : int
-        Frames that could not be used, up to now.
+        Frames and messages that could not be used, up to now.
+    unusable : list of UnusableFrame
+        The frames among them.
 
     Raises
     ------
@@ -93,6 +103,7 @@ class StereoBag:
             raise ValueError(f"source is {source!r}; choose one of {', '.join(SOURCES)}")
         self.recording = Recording(path)
         self.n_skipped = 0
+        self.unusable: list[UnusableFrame] = []
         self._problems: list[str] = []
         self._tolerance_ns = round(max_stamp_difference_s * 1e9)
         try:
@@ -130,7 +141,7 @@ class StereoBag:
         ValueError
             If there is no CameraInfo, or no left image has a partner.
         """
-        self._problems, self.n_skipped = self._notes(), 0
+        self._problems, self.n_skipped, self.unusable = self._notes(), 0, []
         infos = self._first_infos()
         pairs = _Pairs(self.inputs[LEFT_IMAGE], self.inputs[PARTNER[self.source]], self._tolerance_ns)
         roles = {topic: role for role, topic in self.inputs.items()}
@@ -139,9 +150,11 @@ class StereoBag:
             try:
                 frame = self._taken(message, roles[message.topic], pairs, infos)
                 if frame is not None and frame.name in names:
-                    raise ValueError(f"frame {frame.name}: another frame has this header stamp")
+                    raise _FrameError(frame.name, "another frame has this header stamp")
             except ValueError as err:
                 self.n_skipped += 1
+                if isinstance(err, _FrameError):
+                    self.unusable.append(UnusableFrame(err.name, err.problem))
                 self._problems.append(f"{self.recording.path}: skipped {err}")
                 continue
             if frame is not None:
@@ -207,7 +220,7 @@ class StereoBag:
                 camera = depth_camera(infos[LEFT_INFO], infos.get(RIGHT_INFO))
             _check_size(infos[LEFT_INFO], left)
         except ValueError as err:
-            raise ValueError(f"frame {stamp_ns}: {err}") from err
+            raise _FrameError(str(stamp_ns), str(err)) from err
         return Frame(
             name=str(stamp_ns),
             left=left,
@@ -217,6 +230,15 @@ class StereoBag:
             depth_m=depth_m,
             stamp_ns=stamp_ns,
         )
+
+
+class _FrameError(ValueError):
+    """A frame cannot be used."""
+
+    def __init__(self, name: str, problem: str) -> None:
+        super().__init__(f"frame {name}: {problem}")
+        self.name = name
+        self.problem = problem
 
 
 def write_stereo_bag(

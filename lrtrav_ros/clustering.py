@@ -61,7 +61,7 @@ def affinity(distances: NDArray[np.float64]) -> NDArray[np.float64]:
     return similar
 
 
-def automatic_k(eigenvalues: NDArray[np.float64]) -> int:
+def automatic_k(eigenvalues: NDArray[np.floating]) -> int:
     """Return 1 + argmax of the gaps lambda_i - lambda_(i+1), i from 1, the first left out for lambda_1 = 1.
 
     Parameters

@@ -158,7 +158,11 @@ class SourceConfig(_Stage):
         read_only=True,
     )
     max_depth_m: float = setting(
-        0.0, "depth images are cut beyond this distance; 0 for no limit", minimum=0.0, maximum=1000.0, unit="m"
+        0.0,
+        "how far depth or disparity is trusted: what is farther is left to the long range; 0 for no limit",
+        minimum=0.0,
+        maximum=1000.0,
+        unit="m",
     )
     compressed: bool = setting(
         False, "subscribe to …/compressed (sensor_msgs/CompressedImage) in place of raw images", read_only=True
@@ -346,7 +350,7 @@ class FeaturesConfig(_Stage):
     cues: str = setting("both", "what superpixels are compared by", choices=("both", "colour", "texture"))
     texture: str = setting(
         "wld",
-        "texture descriptor: Weber's law, local binary patterns, centre-symmetric LBP, local ternary patterns, homogeneity",
+        "texture descriptor: Weber's law; binary patterns: local, centre-symmetric, ternary; homogeneity",
         choices=("wld", "lbp", "cs_lbp", "ltp", "homogeneity"),
     )
     distance: str = setting(

@@ -217,6 +217,17 @@ def write_calibration(folder: str | os.PathLike[str], camera: StereoCamera, widt
     write_bytes(Path(folder) / "calib.json", (json.dumps(values, indent=1) + "\n").encode())
 
 
+def read_camera(path: Path, shape: tuple[int, ...]) -> StereoCamera:
+    """Read a calibration for images of `shape`, as `FolderDataset` does.
+
+    Raises
+    ------
+    OSError, ValueError
+        If it cannot be read, or does not fit; the message names the file.
+    """
+    return _read_calibration(path, shape).camera
+
+
 @dataclass(frozen=True, slots=True)
 class _Calibration:
     """A calibration file: the camera, and what depth in metres was multiplied by."""

@@ -7,7 +7,6 @@ import time
 from dataclasses import dataclass
 
 import numpy as np
-from lrtrav_ros.superpixels import preemptive_slic
 from numpy.typing import NDArray
 
 from lrtrav_ros.camera import StereoCamera
@@ -16,8 +15,9 @@ from lrtrav_ros.config import Config
 from lrtrav_ros.extension import extend
 from lrtrav_ros.features import superpixel_distances
 from lrtrav_ros.ground import ShortRange, detect_ground, traversable_mask
-from lrtrav_ros.images import Image, as_8bit
+from lrtrav_ros.images import Image, as_8bit, valid_disparity
 from lrtrav_ros.matching import create_matcher
+from lrtrav_ros.superpixels import preemptive_slic
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,7 +110,8 @@ class Detector:
         left
             BGR (H, W, 3) or grey (H, W), uint8 or uint16.
         right, disparity, depth_m
-            One of them: the right image, the disparity in pixels (0 for none), or the depth in metres (0 for none).
+            One of them: the right image, the disparity in pixels, or the depth in metres; the last two float32 (H, W),
+            with 0 for none. What is not finite or negative counts as none.
 
         Raises
         ------
@@ -124,7 +125,9 @@ class Detector:
             disparity = self.match(left, right)
         elif depth_m is not None:
             disparity = self.disparity_of_depth(depth_m)
-        assert disparity is not None  # one of the three is given
+        else:
+            assert disparity is not None  # one of the three is given
+            disparity = valid_disparity(disparity, 0.0)
         matched = time.perf_counter()
         short_range = self.short_range(disparity, from_depth=depth_m is not None)
         ground_ms = _milliseconds_since(matched)
@@ -138,15 +141,21 @@ class Detector:
 
     def disparity_of_depth(self, depth_m: NDArray[np.float32]) -> NDArray[np.float32]:
         """Return a depth image, cut at ``source.max_depth_m``, as disparity of the camera."""
-        limit = self.config.source.max_depth_m
-        return self.camera.disparity(np.where(depth_m <= limit, depth_m, np.float32(0)) if limit else depth_m)
+        return self._within_reach(self.camera.disparity(depth_m))
 
     def short_range(self, disparity: NDArray[np.float32], *, from_depth: bool = False) -> ShortRange:
-        """Return ground and obstacles in the range of stereo; `from_depth` says where the disparity comes from."""
+        """Return ground and obstacles up to ``source.max_depth_m``; `from_depth` says that it was depth."""
         config = self.config.ground
         if from_depth:
             config = dataclasses.replace(config, noise_px=config.depth_noise_px)
-        return detect_ground(disparity, self.camera, config=config)
+        return detect_ground(self._within_reach(disparity), self.camera, config=config)
+
+    def _within_reach(self, disparity: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Return the disparity without what is farther than ``source.max_depth_m``."""
+        limit = self.config.source.max_depth_m
+        if not limit:
+            return disparity
+        return np.where(disparity >= self.camera.fx * self.camera.baseline_m / limit, disparity, np.float32(0))
 
     def long_range(self, left: Image, occupancy: NDArray[np.uint8]) -> LongRange:
         """Return the traversable region to the horizon, from the left image and the short range's occupancy."""

@@ -277,6 +277,17 @@ def write_image(path: str | os.PathLike[str], image: Image) -> None:
     ValueError
         If the format cannot hold the image.
     """
+    write_bytes(path, encode_file(path, image))
+
+
+def encode_file(path: str | os.PathLike[str], image: Image) -> bytes:
+    """Return the bytes of the file that `write_image` writes.
+
+    Raises
+    ------
+    ValueError
+        If the format cannot hold the image.
+    """
     path = Path(path)
     known = {".png": ("uint8", "uint16"), ".jpg": ("uint8",), ".jpeg": ("uint8",)}.get(path.suffix.lower(), ())
     if image.dtype.name not in known or image.ndim not in (2, 3):
@@ -284,8 +295,7 @@ def write_image(path: str | os.PathLike[str], image: Image) -> None:
             f"{path}: an image of shape {image.shape} and type {image.dtype} does not fit this file name; "
             "give .png with uint8 or uint16, or .jpg with uint8"
         )
-    encoded = cv2.imencode(path.suffix.lower(), image)[1]
-    write_bytes(path, encoded.tobytes())
+    return bytes(cv2.imencode(path.suffix.lower(), image)[1].tobytes())
 
 
 def read_disparity(path: str | os.PathLike[str], *, scale: float = DISPARITY_SCALE) -> NDArray[np.float32]:
@@ -305,9 +315,14 @@ def read_disparity(path: str | os.PathLike[str], *, scale: float = DISPARITY_SCA
 
 
 def write_disparity(path: str | os.PathLike[str], disparity: NDArray[np.float32]) -> None:
-    """Write an (H, W) disparity in pixels (or depth in metres) as 16-bit PNG, times 256; what exceeds it is 65535."""
+    """Write an (H, W) disparity in pixels (or depth in metres) as 16-bit PNG: see `scaled_disparity`."""
+    write_image(path, scaled_disparity(disparity))
+
+
+def scaled_disparity(disparity: NDArray[np.float32]) -> NDArray[np.uint16]:
+    """Return disparity in pixels (or depth in metres) times 256, as files hold it; what exceeds 16 bits is 65535."""
     scaled = np.rint(np.nan_to_num(disparity, posinf=0, neginf=0) * DISPARITY_SCALE)
-    write_image(path, np.clip(scaled, 0, 65535).astype(np.uint16))
+    return np.clip(scaled, 0, 65535).astype(np.uint16)
 
 
 def write_bytes(path: str | os.PathLike[str], data: bytes) -> None:

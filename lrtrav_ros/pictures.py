@@ -12,6 +12,10 @@ _SHORT_COLOUR = (60, 200, 60)
 _LONG_COLOUR = (220, 170, 40)
 _OBSTACLE_COLOUR = (60, 60, 230)
 _BORDER_COLOUR = (0, 230, 255)
+_IGNORED_COLOUR = (128, 128, 128)
+# Vermilion and blue, which can be told apart whatever colours one sees.
+_WRONG_COLOUR = (0, 94, 213)
+_MISSED_COLOUR = (210, 114, 0)
 
 
 def overlay(
@@ -69,6 +73,37 @@ def histogram_picture(histogram: NDArray[np.integer]) -> NDArray[np.uint8]:
     return colour_image((logarithm / max(float(logarithm.max()), 1e-6) * 255).astype(np.uint8))
 
 
+def truth_picture(left: NDArray[np.uint8], truth: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Return the left image with what is traversable in green and what is ignored or unknown in grey.
+
+    `truth` is uint8 (H, W): 255 traversable, 0 not, 128 ignored.
+    """
+    picture = colour_image(left)
+    _tint(picture, truth == 255, _SHORT_COLOUR, 0.5)
+    _tint(picture, truth == 128, _IGNORED_COLOUR, 0.7)
+    return picture
+
+
+def error_picture(left: NDArray[np.uint8], mask: NDArray[np.uint8], truth: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Return the left image, pale, with what was found wrongly in vermilion, and what was missed in blue.
+
+    Parameters
+    ----------
+    mask
+        uint8 (H, W): 255 traversable, 0 not.
+    truth
+        uint8 (H, W): 255 traversable, 0 not, 128 ignored, which is grey.
+    """
+    gray = left if left.ndim == 2 else cv2.cvtColor(left, cv2.COLOR_BGR2GRAY)
+    picture = colour_image((gray // 2 + 110).astype(np.uint8))
+    found, traversable, counted = mask > 127, truth == 255, truth != 128
+    _tint(picture, ~counted, _IGNORED_COLOUR, 0.7)
+    _tint(picture, found & traversable, _SHORT_COLOUR, 0.25)
+    _tint(picture, found & ~traversable & counted, _WRONG_COLOUR, 0.8)
+    _tint(picture, ~found & traversable, _MISSED_COLOUR, 0.8)
+    return picture
+
+
 def stages_picture(
     left: NDArray[np.uint8],
     *,
@@ -76,8 +111,9 @@ def stages_picture(
     superpixels: NDArray[np.integer],
     clusters: NDArray[np.integer],
     long_range: NDArray[np.uint8],
+    truth: NDArray[np.uint8],
 ) -> NDArray[np.uint8]:
-    """Return image, short range, superpixels, clusters and long range side by side, as in the paper's figure 1.
+    """Return the stages as in the paper's figure 1, and the truth, in two rows of three pictures.
 
     Parameters
     ----------
@@ -87,21 +123,27 @@ def stages_picture(
         Occupancy of either range, uint8 (H, W).
     superpixels, clusters
         Labels of each pixel, (H, W).
+    truth
+        See `truth_picture`.
     """
-    rows = [
+    stages = [
         ("left image", colour_image(left)),
         ("short range", overlay(left, short_range, short_range)),
         ("superpixels", superpixel_picture(left, superpixels)),
         ("clusters", label_picture(clusters)),
         ("long range", overlay(left, short_range, long_range)),
+        ("truth", truth_picture(left, truth)),
     ]
-    return np.hstack([_titled(picture, title) for title, picture in rows])
+    titled = [_titled(picture, title) for title, picture in stages]
+    return np.vstack([np.hstack(titled[:3]), np.hstack(titled[3:])])
 
 
 def _titled(picture: NDArray[np.uint8], title: str) -> NDArray[np.uint8]:
     picture = picture.copy()
-    for colour, width in (((0, 0, 0), 4), ((255, 255, 255), 1)):
-        cv2.putText(picture, title, (10, 26), cv2.FONT_HERSHEY_SIMPLEX, 0.8, colour, width, cv2.LINE_AA)
+    font, scale = cv2.FONT_HERSHEY_SIMPLEX, 0.8
+    (width, height), _ = cv2.getTextSize(title, font, scale, 1)
+    cv2.rectangle(picture, (0, 0), (width + 20, height + 20), (0, 0, 0), cv2.FILLED)
+    cv2.putText(picture, title, (10, height + 10), font, scale, (255, 255, 255), 1, cv2.LINE_AA)
     return picture
 
 

@@ -1,4 +1,4 @@
-"""The output folder of an offline detection."""
+"""What an offline detection writes, and the folder that it writes to."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import os
 import shutil
 from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -21,11 +22,11 @@ from lrtrav_ros.camera import StereoCamera
 from lrtrav_ros.config import Config, dump_parameters
 from lrtrav_ros.detector import Detection, StageTimes
 from lrtrav_ros.features import to_gray, weber_descriptor
-from lrtrav_ros.images import write_bytes, write_disparity, write_image
+from lrtrav_ros.images import encode_file, scaled_disparity, write_bytes
 
 # What --save can add, each in a folder of its name.
 EXTRAS: dict[str, Callable[[Detection], NDArray[Any]]] = {
-    "disparity": lambda detection: detection.disparity,
+    "disparity": lambda detection: scaled_disparity(detection.disparity),
     "superpixels": lambda detection: detection.long_range.superpixels.astype(np.uint16),
     "clusters": lambda detection: detection.long_range.clusters.astype(np.uint16),
     "occupancy": lambda detection: detection.long_range.occupancy,
@@ -46,6 +47,59 @@ _COLUMNS = (
 )
 
 
+@dataclass(frozen=True, slots=True)
+class FrameResult:
+    """What is written of a frame.
+
+    Attributes
+    ----------
+    row
+        Its row of ``frames.csv``, by column.
+    files
+        Content of its files by their paths in the output folder; none where the frame could not be used.
+    """
+
+    row: dict[str, str]
+    files: dict[str, bytes]
+
+    @property
+    def name(self) -> str:
+        """The frame's name."""
+        return self.row["name"]
+
+    @property
+    def problem(self) -> str:
+        """Why the frame could not be used, or what was not found in it; empty where all went well."""
+        return self.row.get("problem", "")
+
+
+def frame_result(name: str, detection: Detection, camera: StereoCamera, *, extras: Collection[str] = ()) -> FrameResult:
+    """Return what is written of all that was found in a frame; `extras` are names out of `EXTRAS`."""
+    short, long = detection.short_range, detection.long_range
+    images = {
+        f"short_range/{name}.png": short.mask,
+        f"long_range/{name}.png": long.mask,
+        f"overlay/{name}.jpg": pictures.overlay(detection.left, short.occupancy, long.occupancy),
+        **{f"{extra}/{name}.png": EXTRAS[extra](detection) for extra in extras},
+    }
+    return FrameResult(
+        _row(name, detection, camera), {path: encode_file(path, image) for path, image in images.items()}
+    )
+
+
+def unusable_frame(name: str, problem: str) -> FrameResult:
+    """Return what is written of a frame that could not be used: its name, and why."""
+    return FrameResult({"name": name, "problem": problem}, {})
+
+
+def checked_extras(names: Collection[str]) -> tuple[str, ...]:
+    """Return the names; raises ValueError if one is not in `EXTRAS`."""
+    unknown = sorted(set(names) - set(EXTRAS))
+    if unknown:
+        raise ValueError(f"cannot save {unknown[0]!r}; choose out of {', '.join(EXTRAS)}")
+    return tuple(names)
+
+
 class ResultFolder:
     """Writes masks, pictures, ``frames.csv`` and ``config.yaml`` of a run; every file appears whole or not at all.
 
@@ -53,21 +107,12 @@ class ResultFolder:
     ----------
     path
         Folder to make; an empty one may be there.
-    extras
-        Names out of `EXTRAS` of what is written besides the masks.
-
-    Raises
-    ------
-    ValueError
-        If a name is not in `EXTRAS`, or `path` is a file.
+    config
+        The run's settings, for ``config.yaml``.
     """
 
-    def __init__(self, path: Path, config: Config, *, extras: Collection[str] = ()) -> None:
-        unknown = sorted(set(extras) - set(EXTRAS))
-        if unknown:
-            raise ValueError(f"cannot save {unknown[0]!r}; choose out of {', '.join(EXTRAS)}")
+    def __init__(self, path: Path, config: Config) -> None:
         self.path = path
-        self._extras = extras
         path.mkdir(parents=True, exist_ok=True)
         write_bytes(path / "config.yaml", dump_parameters(config).encode())
         self._table = (path / "frames.csv").open("w", newline="", encoding="utf-8", buffering=1)
@@ -82,28 +127,11 @@ class ResultFolder:
     ) -> None:
         self._table.close()
 
-    def write(self, name: str, detection: Detection, camera: StereoCamera) -> None:
-        """Write all that was found in a frame."""
-        short, long = detection.short_range, detection.long_range
-        self._image("short_range", name, short.mask)
-        self._image("long_range", name, long.mask)
-        picture = pictures.overlay(detection.left, short.occupancy, long.occupancy)
-        self._image("overlay", name, picture, suffix=".jpg")
-        for extra in self._extras:
-            self._image(extra, name, EXTRAS[extra](detection))
-        self._rows.writerow(_row(name, detection, camera))
-
-    def write_problem(self, name: str, problem: str) -> None:
-        """Write a row for a frame that could not be used."""
-        self._rows.writerow({"name": name, "problem": problem})
-
-    def _image(self, folder: str, name: str, image: NDArray[Any], *, suffix: str = ".png") -> None:
-        path = self.path / folder / f"{name}{suffix}"
-        path.parent.mkdir(exist_ok=True)
-        if image.dtype == np.float32:
-            write_disparity(path, image)
-        else:
-            write_image(path, image)
+    def write(self, result: FrameResult) -> None:
+        """Write a frame's files and row."""
+        for path, data in result.files.items():
+            write_bytes(self.path / path, data)
+        self._rows.writerow(result.row)
 
 
 def _row(name: str, detection: Detection, camera: StereoCamera) -> dict[str, str]:
@@ -140,6 +168,7 @@ def output_folder(path: Path, *, overwrite: bool = False) -> Iterator[Path]:
     FileExistsError
         If there is something at `path` and `overwrite` is not set.
     """
+    path = path.resolve()  # what a link points to is replaced, not the link
     if not path.exists() or (path.is_dir() and not any(path.iterdir())):
         yield path
         return

@@ -133,5 +133,5 @@ def test_demo_shows_all_of_it(tmp_path: Path) -> None:
     assert recall > float(rows["short_range"][1])
     assert len(list((output / "long_range").glob("*.png"))) == 4
     assert (output / "overlay.mp4").stat().st_size > 10_000
-    assert (output / "stages.png").stat().st_size > 10_000
+    assert (output / "stages.jpg").stat().st_size > 10_000
     assert (output / "bag").is_dir()

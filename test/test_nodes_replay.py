@@ -127,8 +127,8 @@ def test_a_part_at_another_rate_under_other_names(graph, left_images, bags, star
     assert output.startswith("published 12 messages on 4 topics in ")
     assert [stamp for stamp, _, _ in left_images] == STAMPS[1:4]
     assert [stamp_ns(info) for info in infos] == STAMPS[1:4]
-    # Two periods at half the speed; earlier than that would be wrong, later may be the machine.
-    assert left_images[-1][1] - left_images[0][1] > 1.9 * 2 * PERIOD_NS / 1e9
+    # Two periods at half the speed take 4 of the bag's; the first image may come late, which shortens them.
+    assert left_images[-1][1] - left_images[0][1] > 1.3 * 2 * PERIOD_NS / 1e9
 
 
 def test_what_can_be_read_of_a_truncated_bag_is_played(graph, bags, start, tmp_path):

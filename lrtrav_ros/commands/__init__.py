@@ -11,6 +11,7 @@ from pathlib import Path
 COMMANDS = {
     "demo": "makes a sequence, replays it through both nodes, scores the masks and draws them",
     "detect": "detects the traversable region in dataset folders and rosbags",
+    "evaluate": "scores methods on frames with ground truth: table, CSV, JSON and a report",
     "benchmark": "measures time per stage and memory",
     "generate": "renders synthetic stereo sequences with exact truth",
     "replay": "publishes the stereo topics of a rosbag",

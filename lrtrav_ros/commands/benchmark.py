@@ -22,7 +22,7 @@ _REFERENCE = "StereoSGBM"
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Describe the command's arguments."""
     parser.add_argument(
-        "--input", type=Path, metavar="INPUT", help="dataset folder or rosbag; synthetic scenes of every style if not given"
+        "--input", type=Path, metavar="INPUT", help="dataset folder or rosbag; if not given, synthetic scenes"
     )
     parser.add_argument("--size", type=_size, default=(640, 480), metavar="WxH", help="of synthetic images (640x480)")
     parser.add_argument("--frames", type=int, default=8, metavar="N", help="frames to use (%(default)s)")

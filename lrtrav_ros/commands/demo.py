@@ -26,6 +26,8 @@ _TOPICS = (
     "long_range/superpixels",
     "long_range/clusters",
 )
+_TRUSTED_M = 10.0  # as far as a small stereo camera sees; what lies beyond is for the long range
+_QUIET = ("--log-level", "error")  # the nodes would say that no images come while these are rendered
 _START_S = 90.0  # kernels are compiled at the first start
 _END_S = 10.0
 
@@ -37,7 +39,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--overwrite", action="store_true", help="replace an output folder that exists, when finished")
     parser.add_argument("--frames", type=int, default=30, metavar="N", help="stereo pairs to render (%(default)s)")
-    parser.add_argument("--seed", type=int, default=3, help="makes the scene (%(default)s)")
+    parser.add_argument("--style", default="park", help="of the scene: forest, field, park or road (%(default)s)")
+    parser.add_argument("--seed", type=int, default=6, help="makes the scene (%(default)s)")
     parser.add_argument(
         "--rate", type=float, default=0.5, help="speed of the replay; its sequence has 10 Hz (%(default)s)"
     )
@@ -48,10 +51,11 @@ def run(args: argparse.Namespace) -> int:
     from lrtrav_ros.results import output_folder
     from lrtrav_ros.synthetic import SceneConfig
 
-    scene = SceneConfig(seed=args.seed, n_frames=args.frames)
+    scene = SceneConfig(style=args.style, seed=args.seed, n_frames=args.frames, pitch_deg=5.0)
     with output_folder(args.output, overwrite=args.overwrite) as path:
         path.mkdir(parents=True, exist_ok=True)
-        with _process("detector", "--ros-args", "-r", f"__ns:={_namespace()}") as detector:
+        parameters = ["-p", f"source.max_depth_m:={_TRUSTED_M}", "-p", "stereo.n_disparities:=64", *_QUIET]
+        with _process("detector", "--ros-args", "-r", f"__ns:={_namespace()}", *parameters) as detector:
             frames = _render(scene, path / "bag")
             results = _replay(path / "bag", detector, n_frames=len(frames), rate=args.rate)
         scored = [frame for frame in frames if len(results.get(_stamp(frame), {})) == len(_TOPICS)]
@@ -60,7 +64,7 @@ def run(args: argparse.Namespace) -> int:
         _write(path, scored, results)
     for line in _table(scored, len(frames), results):
         print(line)
-    print(f"\n{args.output}/overlay.mp4, {args.output}/stages.png, masks in {args.output}/long_range")
+    print(f"\n{args.output}/overlay.mp4, {args.output}/stages.jpg, masks in {args.output}/long_range")
     return 0
 
 
@@ -167,8 +171,9 @@ def _write(path: Path, frames: Sequence[SyntheticFrame], results: dict[int, dict
         superpixels=images["long_range/superpixels"],
         clusters=images["long_range/clusters"],
         long_range=images["long_range/occupancy"],
+        truth=middle.truth,
     )
-    write_image(path / "stages.png", picture)
+    write_image(path / "stages.jpg", picture)
 
 
 def _side_by_side(frame: SyntheticFrame, images: dict[str, NDArray[Any]]) -> NDArray[np.uint8]:

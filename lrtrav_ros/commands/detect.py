@@ -1,17 +1,17 @@
-"""Detects the traversable region in a dataset folder or a rosbag, offline."""
+"""Detects the traversable region in dataset folders and rosbags, offline."""
 
 from __future__ import annotations
 
 import argparse
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from lrtrav_ros.commands.options import add_detection_options, config_from
+from lrtrav_ros.commands.options import add_detection_options, add_parallel_options, config_from
 
 if TYPE_CHECKING:
-    from lrtrav_ros.config import Config
-    from lrtrav_ros.results import ResultFolder
+    from lrtrav_ros.offline import Outcome
 
 _EXTRAS = "disparity, superpixels, clusters, occupancy, u_disparity, v_disparity, obstacle_disparity, wld"
 
@@ -19,11 +19,22 @@ _EXTRAS = "disparity, superpixels, clusters, occupancy, u_disparity, v_disparity
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Describe the command's arguments."""
     parser.add_argument(
-        "input", type=Path, metavar="INPUT", help="dataset folder, or rosbag (.bag, .mcap, .db3, folder)"
+        "inputs",
+        type=Path,
+        nargs="+",
+        metavar="INPUT",
+        help="dataset folder, or rosbag (.bag, .mcap, .db3, folder); several can be given",
     )
-    parser.add_argument("--output", type=Path, required=True, metavar="DIR", help="folder to write to")
+    parser.add_argument(
+        "--output",
+        type=Path,
+        required=True,
+        metavar="DIR",
+        help="folder to write to; with several inputs, to a folder in it for each, of the input's name",
+    )
     parser.add_argument("--save", default="", metavar="LIST", help=f"what to save besides: all, or out of {_EXTRAS}")
     parser.add_argument("--overwrite", action="store_true", help="replace an output folder that exists, when finished")
+    add_parallel_options(parser)
     add_detection_options(parser)
 
 
@@ -31,41 +42,70 @@ def run(args: argparse.Namespace) -> int:
     """Detect in all frames; frames that cannot be used are skipped, counted and reported."""
     config = config_from(args)
 
-    from lrtrav_ros.results import EXTRAS, ResultFolder, output_folder
+    from lrtrav_ros.offline import detect_recording
+    from lrtrav_ros.results import EXTRAS, checked_extras, output_folder
 
-    extras = list(EXTRAS) if args.save == "all" else [name.strip() for name in args.save.split(",") if name.strip()]
-    with (
-        output_folder(args.output, overwrite=args.overwrite) as path,
-        ResultFolder(path, config, extras=extras) as results,
-    ):
-        n_done, problems = detect_all(args.input, config, results)
-    for problem in problems:
-        print(problem, file=sys.stderr)
-    skipped = f", {len(problems)} problems" if problems else ""
-    print(f"{n_done} frames{skipped}: {args.output}")
-    return 0 if n_done else 1
-
-
-def detect_all(path: Path, config: Config, results: ResultFolder) -> tuple[int, list[str]]:
-    """Write what is found in each frame of a folder or bag; return the number of frames and what went wrong."""
-    from tqdm import tqdm
-
-    from lrtrav_ros.detector import Detector
-    from lrtrav_ros.sequences import open_sequence
-
-    n_done = 0
-    problems = []
-    detector = None
-    with open_sequence(path, config.source) as sequence:
-        for frame in tqdm(sequence.frames(), total=len(sequence), unit="frame", disable=None):
-            if detector is None or detector.camera != frame.camera:
-                detector = Detector(config, frame.camera)
+    wanted = EXTRAS if args.save == "all" else filter(None, map(str.strip, args.save.split(",")))
+    extras = checked_extras(list(wanted))
+    names = output_names(args.inputs)
+    _check_inputs(args.inputs, args.output)
+    failures = []
+    with output_folder(args.output, overwrite=args.overwrite) as output:
+        for path, name in zip(args.inputs, names, strict=True):
             try:
-                detection = detector.detect(frame.left, frame.right, disparity=frame.disparity, depth_m=frame.depth_m)
+                outcome = detect_recording(
+                    path, output / name, config, extras=extras, jobs=args.jobs, cluster=args.cluster
+                )
+                _report(path, args.output / name, outcome)
             except ValueError as err:
-                problems.append(f"frame {frame.name}: {err}")
-                results.write_problem(frame.name, str(err))
-                continue
-            results.write(frame.name, detection, frame.camera)
-            n_done += 1
-        return n_done, [*sequence.problems, *problems]
+                failures.append(str(err))
+        if len(failures) == len(names):
+            raise ValueError("; ".join(failures))
+    for failure in failures:
+        print(failure, file=sys.stderr)
+    return 1 if failures else 0
+
+
+def _check_inputs(inputs: Sequence[Path], output: Path) -> None:
+    """Raise what is wrong with the inputs that can be told before the work begins."""
+    for path in inputs:
+        if not path.exists():
+            raise FileNotFoundError(f"{path}: there is no such folder or file")
+        if path.resolve().is_relative_to(output.resolve()):
+            raise ValueError(f"--output {output} holds the input {path}; choose another folder")
+
+
+def _report(path: Path, output: Path, outcome: Outcome) -> None:
+    """Say what came of an input; raises ValueError where nothing did."""
+    for problem in outcome.problems:
+        print(problem, file=sys.stderr)
+    if not outcome.n_done:
+        raise ValueError(f"{path}: none of its {outcome.n_skipped} frames could be used")
+    counts = [f"{outcome.n_done} frames"]
+    if outcome.n_skipped:
+        counts.append(f"{outcome.n_skipped} skipped")
+    if outcome.n_without_ground:
+        counts.append(f"{outcome.n_without_ground} without ground in sight")
+    print(f"{', '.join(counts)}: {output}")
+
+
+def output_names(inputs: Sequence[Path]) -> list[str]:
+    """Return a folder's name for each input; none is needed for one input.
+
+    It is the input's own name, with those of the folders around it where several inputs have the same.
+
+    Raises
+    ------
+    ValueError
+        If an input is given twice, or only the suffix tells two apart.
+    """
+    if len(inputs) == 1:
+        return [""]
+    paths = [path.resolve() for path in inputs]
+    parts = [(*path.parts[1:-1], path.stem if path.is_file() else path.name) for path in paths]
+    for n in range(1, max(map(len, parts)) + 1):
+        names = ["_".join(part[-n:]) for part in parts]
+        if len(set(names)) == len(names):
+            return names
+    twice = next(path for i, path in enumerate(inputs) if parts[i] in parts[:i])
+    raise ValueError(f"{twice}: is given twice, or beside one that differs in its suffix alone; run them one by one")

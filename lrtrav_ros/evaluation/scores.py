@@ -1,8 +1,9 @@
-"""Precision, recall and RMSE of a traversable mask; Lu et al., IROS 2015, section V."""
+"""Precision, recall and RMSE of a traversable mask, all over and by distance; Lu et al., IROS 2015, section V."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,6 +11,9 @@ from numpy.typing import NDArray
 
 TRAVERSABLE = 255
 IGNORED = 128
+
+DISTANCE_BANDS: tuple[tuple[float, float], ...] = ((0, 5), (5, 10), (10, 20), (20, 40), (40, math.inf))
+"""Nearest (inclusive) and farthest (exclusive) distance on the ground of each band, in metres."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,8 +35,36 @@ class Scores:
     rmse: float
 
 
-def score(mask: NDArray[np.uint8], truth: NDArray[np.uint8]) -> Scores:
-    """Score a mask (255 traversable, 0 not) on the pixels that the truth does not ignore.
+@dataclass(frozen=True, slots=True)
+class Counts:
+    """Numbers of pixels: all that count, those found, those traversable, and those that are both."""
+
+    n_pixels: int
+    n_found: int
+    n_traversable: int
+    n_hits: int
+
+    @property
+    def scores(self) -> Scores:
+        """The scores of these pixels."""
+        n_wrong = self.n_found + self.n_traversable - 2 * self.n_hits
+        return Scores(
+            precision=self.n_hits / self.n_found if self.n_found else 0.0,
+            recall=self.n_hits / self.n_traversable if self.n_traversable else 1.0,
+            rmse=math.sqrt(n_wrong / max(self.n_pixels, 1)),
+        )
+
+    def __add__(self, other: Counts) -> Counts:
+        return Counts(
+            self.n_pixels + other.n_pixels,
+            self.n_found + other.n_found,
+            self.n_traversable + other.n_traversable,
+            self.n_hits + other.n_hits,
+        )
+
+
+def count(mask: NDArray[np.uint8], truth: NDArray[np.uint8], where: NDArray[np.bool_] | None = None) -> Counts:
+    """Count the pixels of a mask (255 traversable, 0 not) that the truth does not ignore, within `where`.
 
     Parameters
     ----------
@@ -46,17 +78,40 @@ def score(mask: NDArray[np.uint8], truth: NDArray[np.uint8]) -> Scores:
     """
     if mask.shape != truth.shape:
         raise ValueError(f"mask is {mask.shape}, ground truth {truth.shape}; give images of one size")
-    counted = truth != IGNORED
+    counted = truth != IGNORED if where is None else (truth != IGNORED) & where
     found, traversable = mask[counted] > 127, truth[counted] == TRAVERSABLE
-    hits = np.count_nonzero(found & traversable)
-    return Scores(
-        precision=hits / np.count_nonzero(found) if found.any() else 0.0,
-        recall=hits / np.count_nonzero(traversable) if traversable.any() else 1.0,
-        rmse=math.sqrt(np.count_nonzero(found != traversable) / max(found.size, 1)),
+    return Counts(
+        n_pixels=found.size,
+        n_found=int(np.count_nonzero(found)),
+        n_traversable=int(np.count_nonzero(traversable)),
+        n_hits=int(np.count_nonzero(found & traversable)),
     )
 
 
-def mean_scores(scores: list[Scores]) -> Scores:
+def count_bands(
+    mask: NDArray[np.uint8], truth: NDArray[np.uint8], distance_m: NDArray[np.float64]
+) -> tuple[Counts, ...]:
+    """Count as `count` does in each of `DISTANCE_BANDS`; pixels above the horizon, infinitely far, are in none."""
+    return tuple(count(mask, truth, (near <= distance_m) & (distance_m < far)) for near, far in DISTANCE_BANDS)
+
+
+def score(mask: NDArray[np.uint8], truth: NDArray[np.uint8]) -> Scores:
+    """Score a mask (255 traversable, 0 not) on the pixels that the truth does not ignore.
+
+    Parameters
+    ----------
+    truth
+        uint8 (H, W): 255 traversable, 0 not, 128 ignored.
+
+    Raises
+    ------
+    ValueError
+        If the two differ in size.
+    """
+    return count(mask, truth).scores
+
+
+def mean_scores(scores: Sequence[Scores]) -> Scores:
     """Return the means of each score; ValueError where there are none."""
     if not scores:
         raise ValueError("there are no scores to take the mean of")
@@ -64,4 +119,15 @@ def mean_scores(scores: list[Scores]) -> Scores:
         precision=float(np.mean([item.precision for item in scores])),
         recall=float(np.mean([item.recall for item in scores])),
         rmse=float(np.mean([item.rmse for item in scores])),
+    )
+
+
+def spread_of_scores(scores: Sequence[Scores]) -> Scores:
+    """Return the standard deviations of each score; ValueError where there are none."""
+    if not scores:
+        raise ValueError("there are no scores to take the spread of")
+    return Scores(
+        precision=float(np.std([item.precision for item in scores])),
+        recall=float(np.std([item.recall for item in scores])),
+        rmse=float(np.std([item.rmse for item in scores])),
     )

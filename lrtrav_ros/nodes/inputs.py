@@ -19,7 +19,7 @@ from lrtrav_ros.nodes import endpoints, messages
 from lrtrav_ros.nodes.pairing import Pairing, Side
 from lrtrav_ros.nodes.parameters import Settings
 
-PATIENCE_S = 3.0
+PATIENCE_S = 5.0
 """Seconds without a frame after which a node says why there is none."""
 
 _WAITING_IMAGES = 10

@@ -1,0 +1,52 @@
+"""Tests that what the README says of commands, topics, parameters and dependencies is true."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+from lrtrav_ros import topics
+from lrtrav_ros.commands import COMMANDS
+from lrtrav_ros.config import find_parameter
+
+ROOT = Path(__file__).parents[1]
+TEXT = (ROOT / "README.md").read_text(encoding="utf-8")
+
+
+def section(title: str) -> str:
+    """Return what stands under a heading."""
+    return TEXT.split(f"\n## {title}\n")[1].split("\n## ")[0]
+
+
+def test_every_command_is_in_the_table() -> None:
+    listed = set(re.findall(r"`(?:lrtrav )?([a-z_]+)(?: [^`]*)?`", section("Commands")))
+    assert set(COMMANDS) <= listed
+
+
+def test_parameters_have_the_defaults_of_the_table() -> None:
+    rows = re.findall(r"^\| `([a-z_.]+)` \| `([^`]*)` \|", section("Parameters"), flags=re.MULTILINE)
+    assert len(rows) > 5
+    assert {name: str(find_parameter(name).default) for name, _ in rows} == dict(rows)
+
+
+def test_topics_of_the_table_are_those_of_the_nodes() -> None:
+    listed = {name for name in re.findall(r"`([a-z_/]+)`", section("Topics")) if "/" in name and "_msgs" not in name}
+    source = "".join(path.read_text(encoding="utf-8") for path in (ROOT / "lrtrav_ros" / "nodes").glob("*node.py"))
+    published = set(re.findall(r'"((?:short|long)_range/[a-z_]+)"', source))
+    inputs = {topics.LEFT_IMAGE, topics.RIGHT_IMAGE, topics.LEFT_INFO, topics.RIGHT_INFO, topics.DEPTH_IMAGE}
+    assert listed == published | inputs | {"/diagnostics"}
+
+
+def test_every_dependency_is_named_with_its_reason() -> None:
+    setup = (ROOT / "setup.py").read_text(encoding="utf-8")
+    required = setup.split("install_requires=[")[1].split("\n    ]")[0]
+    names = re.findall(r'"([A-Za-z-]+)', required)
+    assert len(names) > 8
+    assert [name for name in names if name not in section("Dependencies")] == []
+
+
+@pytest.mark.parametrize("path", re.findall(r"\]\(([^)]+)\)", TEXT))
+def test_links_lead_somewhere(path: str) -> None:
+    assert (ROOT / path).exists()
