@@ -11,6 +11,7 @@ import math
 import os
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, cast
 
@@ -486,6 +487,7 @@ def _stages() -> Iterator[tuple[str, object]]:
             yield item.name, getattr(Config(), item.name)
 
 
+@lru_cache(maxsize=1)
 def _places() -> dict[str, tuple[str, str]]:
     """Return stage and attribute of each parameter; the stage is empty for those of `Config` itself."""
     return {
@@ -495,11 +497,12 @@ def _places() -> dict[str, tuple[str, str]]:
     }
 
 
-def parameters() -> list[Parameter]:
+@lru_cache(maxsize=1)
+def parameters() -> tuple[Parameter, ...]:
     """Return every parameter, with the defaults of the preset ``robust``."""
-    return [
+    return tuple(
         parameter for stage, part in _stages() for _, parameter in _parameters_of(part, f"{stage}." if stage else "")
-    ]
+    )
 
 
 def find_parameter(name: str) -> Parameter:

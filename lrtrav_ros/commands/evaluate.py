@@ -38,6 +38,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="compare texture descriptors, or distances between histograms, in the methods named (proposed)",
     )
     parser.add_argument("--seeds", type=int, default=5, metavar="N", help="runs of random_centres (%(default)s)")
+    parser.add_argument("--save-masks", action="store_true", help="keep each method's masks, in masks/SET/METHOD/")
+    _add_reading_options(parser)
+    add_parallel_options(parser)
+    add_setting_options(parser)
+
+
+def _add_reading_options(parser: argparse.ArgumentParser) -> None:
+    """Describe how datasets are read."""
     parser.add_argument(
         "--unknown",
         choices=("ignore", "not-traversable"),
@@ -63,9 +71,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "depth=im_depth, truth=manual_human_labeling_mask; or layout=columns|rows, disparity_scale=1; can be repeated",
     )
     parser.add_argument("--inspect", type=Path, metavar="FILE", help="list the arrays of a .mat file, and do no more")
-    parser.add_argument("--save-masks", action="store_true", help="keep each method's masks, in masks/SET/METHOD/")
-    add_parallel_options(parser)
-    add_setting_options(parser)
 
 
 def run(args: argparse.Namespace) -> int:
