@@ -387,7 +387,7 @@ class ExtensionConfig(_Stage):
     rule: str = setting(
         "evidence",
         "area: the paper's, by a cluster's share of short-range ground; "
-        "evidence: by connected regions, with obstacles as evidence against",
+        "evidence: by connected regions, with obstacles as evidence against; a region without any is as its cluster",
         choices=("area", "evidence"),
     )
     min_share: float = setting(

@@ -62,14 +62,25 @@ def _extend_by_area(
 def _extend_by_evidence(
     occupancy: NDArray[np.uint8], superpixels: NDArray[np.int32], clusters: NDArray[np.int32], min_share: float
 ) -> NDArray[np.uint8]:
-    """Connected regions of a cluster are judged by their pixels with evidence; evidence itself always stands."""
+    """Connected regions of a cluster are judged by their pixels with evidence; evidence itself always stands.
+
+    A region without evidence is judged as its whole cluster is.
+    """
     regions = connected_regions(superpixels, clusters)
     ground, obstacle = _evidence(occupancy, superpixels, len(clusters))
-    ground, obstacle = np.bincount(regions, ground), np.bincount(regions, obstacle)
-    verdict = np.full(len(ground), UNKNOWN, np.uint8)
-    verdict[obstacle > 0] = OBSTACLE
-    verdict[ground > min_share * (ground + obstacle)] = GROUND
-    return np.where(occupancy == UNKNOWN, verdict[regions][superpixels], occupancy)
+    verdict = _verdict(regions, ground, obstacle, min_share)
+    verdict = np.where(verdict == UNKNOWN, _verdict(clusters, ground, obstacle, min_share), verdict)
+    return np.where(occupancy == UNKNOWN, verdict[superpixels], occupancy)
+
+
+def _verdict(
+    groups: NDArray[np.int32], ground: NDArray[np.int64], obstacle: NDArray[np.int64], min_share: float
+) -> NDArray[np.uint8]:
+    """Return for each superpixel what the evidence in its group says: ground, obstacle or, without any, unknown."""
+    ground, obstacle = np.bincount(groups, ground), np.bincount(groups, obstacle)
+    verdict = np.where(ground > min_share * (ground + obstacle), np.uint8(GROUND), np.uint8(OBSTACLE))
+    verdict[ground + obstacle == 0] = UNKNOWN
+    return verdict[groups]
 
 
 def connected_regions(superpixels: NDArray[np.int32], clusters: NDArray[np.int32]) -> NDArray[np.int32]:

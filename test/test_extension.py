@@ -55,7 +55,14 @@ def test_evidence_counts_only_pixels_that_tell() -> None:
     assert by_superpixel(found[:, :20].repeat(3, axis=1)[:, :60])[:2] == [GROUND, GROUND]
     assert (found[:, 20:22] == GROUND).all()  # evidence itself stands
     assert (found[:, 22:40] == OBSTACLE).all()
-    assert (found[:, 40:] == UNKNOWN).all()  # nothing tells, though the last is of cluster 0: it lies apart
+    assert (found[:, 40:50] == UNKNOWN).all()  # nothing tells
+    assert (found[:, 50:] == GROUND).all()  # lies apart, without evidence, and is as the rest of its cluster
+
+
+def test_evidence_of_a_region_counts_more_than_that_of_its_cluster() -> None:
+    clusters = np.array([0, 0, 1, 0, 0, 1], np.int32)
+    found = extend(occupancy(c0_20=GROUND, c30_31=OBSTACLE), SUPERPIXELS, clusters)
+    assert (found[:, 31:50] == OBSTACLE).all()
 
 
 def test_evidence_never_makes_an_obstacle_traversable() -> None:
