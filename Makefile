@@ -26,7 +26,7 @@ clean:
 	rm -rf .venv build install log demo *.egg-info
 
 $(BIN)/python:
-	@test -n "$(PYTHON)" || { echo "No Python 3.10 to 3.13 found: install one, or name it: make PYTHON=/path/to/python"; exit 1; }
+	$(if $(PYTHON),,$(error No Python 3.10 to 3.13 found: install one, or name it: make PYTHON=/path/to/python))
 	$(PYTHON) -m venv .venv
 
 .venv/installed: $(BIN)/python $(PACKAGE)
