@@ -207,6 +207,8 @@ def read_arrays(path: Path) -> dict[str, NDArray[Any]]:
     for name, value in content.items():
         if not name.startswith("__"):
             _flatten(name, np.asarray(value), arrays)
+    if not any(array.size for array in arrays.values()):  # older versions of SciPy read zeros as an empty file
+        raise ValueError(f"{path}: cannot be read as a MATLAB file (it holds no arrays)")
     return arrays
 
 
