@@ -133,7 +133,7 @@ def _cluster(lab: NDArray[np.uint8], grid: _Grid, config: SuperpixelsConfig) -> 
     distance = np.full(labels.shape, np.inf, np.float32)
     centres = grid.centres(lab)
     sums = np.zeros((len(centres), 6), np.int64)
-    active = np.ones(len(centres), np.bool_)
+    active: NDArray[np.bool_] = np.ones(len(centres), np.bool_)
     weight = np.float32((config.compactness / grid.step_px) ** 2)
     reach, cells = np.float32(grid.reach_px), grid.cells()
     for _ in range(config.max_iterations):

@@ -38,7 +38,9 @@ class GroundDistances:
         self._rows = np.rint(rows).astype(np.intp)
         first = int(self._rows.min())
         self._rows -= first
-        self._row_distance_m = line.distance_m(np.arange(first, first + int(self._rows.max()) + 1.0), camera)
+        self._row_distance_m = line.distance_m(
+            np.arange(first, first + int(self._rows.max()) + 1, dtype=np.float64), camera
+        )
 
     def reach_m(self, mask: NDArray[np.uint8], truth: NDArray[np.uint8]) -> float:
         """Return how far ahead a mask finds the ground without interruption, in metres.

@@ -130,7 +130,7 @@ class Elas:
         edge = max(1, -(-_REACH_PX // step))
         # The rows and columns that have no room for a window count as infinitely far: what is far along the upper edge
         # of the image, where the sky is, needs less support.
-        grid = np.zeros((max(rows, 0), max(columns, 0)), np.int16)
+        grid: NDArray[np.int16] = np.zeros((max(rows, 0), max(columns, 0)), np.int16)
         textured = [side.texture >= self._elas.support_texture for side in (left, right)]
 
         def match(first: int, last: int) -> None:
@@ -167,7 +167,8 @@ class Elas:
         planes = np.full((-(-height // self._step), -(-width // self._step)), -1, np.int16)
         kernels.draw_planes(located, _triangles(located), 1 - 2 * side, self._step, planes)
         size = self._elas.cell_size_px
-        candidates = np.zeros((-(-height // size), -(-width // size), self._stereo.n_disparities), np.bool_)
+        cells = (-(-height // size), -(-width // size), self._stereo.n_disparities)
+        candidates: NDArray[np.bool_] = np.zeros(cells, np.bool_)
         x, y, disparity = located.astype(np.int64).T
         candidates[y // size, x // size, disparity] = True
         for axis in range(3):  # neighbour cells, and disparities next to the rounded ones of support points
