@@ -77,9 +77,10 @@ def _verdict(
     groups: NDArray[np.int32], ground: NDArray[np.int64], obstacle: NDArray[np.int64], min_share: float
 ) -> NDArray[np.uint8]:
     """Return for each superpixel what the evidence in its group says: ground, obstacle or, without any, unknown."""
-    ground, obstacle = np.bincount(groups, ground), np.bincount(groups, obstacle)
-    verdict = np.where(ground > min_share * (ground + obstacle), np.uint8(GROUND), np.uint8(OBSTACLE))
-    verdict[ground + obstacle == 0] = UNKNOWN
+    for_it = np.bincount(groups, ground)
+    evidence = for_it + np.bincount(groups, obstacle)
+    verdict = np.where(for_it > min_share * evidence, np.uint8(GROUND), np.uint8(OBSTACLE))
+    verdict[evidence == 0] = UNKNOWN
     return verdict[groups]
 
 

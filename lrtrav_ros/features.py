@@ -263,7 +263,7 @@ def _histograms(bins: NDArray[np.uint16], superpixels: NDArray[np.int32], n_bins
 
 
 def _with_unit_sum(counts: NDArray[np.float32]) -> NDArray[np.float32]:
-    return counts / np.maximum(counts.sum(axis=1, keepdims=True), 1)
+    return np.asarray(counts / np.maximum(counts.sum(axis=1, keepdims=True), 1), np.float32)
 
 
 @numba.njit(cache=True, nogil=True)
