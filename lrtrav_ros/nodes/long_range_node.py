@@ -14,6 +14,7 @@ from lrtrav_ros import images, topics
 from lrtrav_ros.camera import StereoCamera
 from lrtrav_ros.config import Config
 from lrtrav_ros.detector import Detector, LongRange
+from lrtrav_ros.kernels import compile_kernels
 from lrtrav_ros.nodes import endpoints, messages
 from lrtrav_ros.nodes.diagnostics import Diagnostics, report_failure
 from lrtrav_ros.nodes.inputs import PATIENCE_S
@@ -48,7 +49,7 @@ class LongRangeNode(Node):
         self._settings = Settings(self, _STAGES)
         self._made: tuple[Config, Detector] | None = None
         self._advertise()
-        _warm_up(self._detector())
+        compile_kernels(self._settings.config)
         self._worker: Worker[Pair] = Worker(self._process, failed=lambda err: report_failure(self, err))
         self._pairing = self._subscribe()
         self._diagnostics = Diagnostics(self, self._worker, self._problem, lambda: self._pairing.first)
@@ -113,9 +114,3 @@ class LongRangeNode(Node):
         endpoints.publish_if_wanted(
             self._overlay, header, lambda: overlay(images.as_8bit(left), occupancy, long_range.occupancy)
         )
-
-
-def _warm_up(detector: Detector) -> None:
-    """Run once, so that kernels are compiled before the first frame."""
-    left = np.random.default_rng(0).integers(0, 256, (120, 160, 3), np.uint8)
-    detector.long_range(left, np.zeros((120, 160), np.uint8))

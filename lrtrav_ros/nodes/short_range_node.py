@@ -16,6 +16,7 @@ from lrtrav_ros.camera import StereoCamera
 from lrtrav_ros.config import Config
 from lrtrav_ros.detector import Detector
 from lrtrav_ros.ground import ShortRange
+from lrtrav_ros.kernels import compile_kernels
 from lrtrav_ros.nodes import endpoints, messages
 from lrtrav_ros.nodes.diagnostics import Diagnostics, report_failure
 from lrtrav_ros.nodes.inputs import INPUTS, Input, Measurement
@@ -41,7 +42,7 @@ class ShortRangeNode(Node):
         self._held: Measurement | None = None
         source = self._settings.config.source.source
         self._advertise(with_disparity=source != "disparity")
-        _warm_up(self._settings.config)
+        compile_kernels(self._settings.config)
         self._worker: Worker[Measurement] = Worker(self._process, failed=lambda err: report_failure(self, err))
         self._input: Input = INPUTS[source](self, self._settings, self._deliver, self._hand_over)
         self._diagnostics = Diagnostics(self, self._worker, self._problem, lambda: self._input.main)
@@ -105,13 +106,3 @@ class ShortRangeNode(Node):
         endpoints.publish_if_wanted(self._u_disparity, header, lambda: short_range.u_disparity)
         endpoints.publish_if_wanted(self._v_disparity, header, lambda: messages.as_uint16(short_range.v_disparity))
         endpoints.publish_if_wanted(self._obstacle_disparity, header, lambda: short_range.obstacle_disparity)
-
-
-def _warm_up(config: Config) -> None:
-    """Run once, so that kernels are compiled before the first frame."""
-    detector = Detector(config, StereoCamera(fx=200.0, cx=80.0, cy=40.0, baseline_m=0.2))
-    ground = np.maximum(0.2 * (np.arange(120, dtype=np.float32) - 40), 0)
-    detector.short_range(np.repeat(ground[:, None], 160, axis=1))
-    if config.source.source == "stereo":
-        left = np.random.default_rng(0).integers(0, 256, (120, 160, 3), np.uint8)
-        detector.match(left, np.roll(left, -8, axis=1))
