@@ -291,7 +291,7 @@ class GroundConfig(_Stage):
         5.0, "ground lines of a higher camera are refused", minimum=0.01, maximum=100.0, unit="m"
     )
     max_pitch_deg: float = setting(
-        25.0, "ground lines of a camera pitched farther up or down are refused", minimum=1.0, maximum=60.0, unit="deg"
+        45.0, "ground lines of a camera pitched farther up or down are refused", minimum=1.0, maximum=60.0, unit="deg"
     )
     min_support: float = setting(
         0.1, "least share of the disparities below the horizon that lie on a ground line", minimum=0.0, maximum=1.0
