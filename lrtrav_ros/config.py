@@ -302,9 +302,9 @@ class GroundConfig(_Stage):
         "a plane that bends along the way, for crests and slopes",
         choices=("line", "plane", "curved"),
     )
-    noise_px: float = setting(0.4, "precision of disparities", minimum=0.0, maximum=20.0, unit="px")
+    noise_px: float = setting(0.4, "precision of disparities", minimum=0.01, maximum=20.0, unit="px")
     depth_noise_px: float = setting(
-        0.2, "precision of disparities that come from a depth image", minimum=0.0, maximum=20.0, unit="px"
+        0.2, "precision of disparities that come from a depth image", minimum=0.01, maximum=20.0, unit="px"
     )
     max_step_m: float = setting(
         0.13, "what is higher or lower than this is not ground", minimum=0.0, maximum=2.0, unit="m"

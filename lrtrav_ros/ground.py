@@ -29,6 +29,7 @@ _MIN_DISPARITY = 3  # nearer to the horizon, rounding leaves the slope open
 _SAMPLING = 3  # rows and columns between the pixels of the refit
 _ITERATIONS = 20
 _MAX_STEEPNESS = 3.0
+_MIN_ROW_SPREAD = 0.01  # of the image's height: in fewer rows the slope is left open
 _CONVERGED_PX = 1e-3
 _STIFFNESS = 1e-4  # of the bend: with little ground in sight it stays flat
 _ABOVE = 1.75  # residuals count more above the ground than below it: all that is not ground stands on it
@@ -246,7 +247,10 @@ def _refit(
     n_terms = {"line": 2, "plane": 3, "curved": 4}[config.shape]
     for _ in range(_ITERATIONS):
         near, below, normal, right = _normal_equations(*samples, fitted, noise, relative)
-        if near < max(config.min_support * below, n_terms):
+        if (
+            near < max(config.min_support * below, n_terms)
+            or _row_spread(normal) < _MIN_ROW_SPREAD * disparity.shape[0]
+        ):
             return None
         normal, right = normal[:n_terms, :n_terms], right[:n_terms]
         stiffness = normal[1, 1] * np.array([1e-9, 0.0, 1e-6 * disparity.shape[1] ** 2, _STIFFNESS])[:n_terms]
@@ -256,6 +260,12 @@ def _refit(
         if abs(change[0]) * disparity.shape[0] + abs(change[1]) < _CONVERGED_PX:
             break
     return GroundLine(*fitted.tolist()) if fitted[0] > 0 else None
+
+
+def _row_spread(normal: NDArray[np.float64]) -> float:
+    """Return the standard deviation of the rows that normal equations were made from."""
+    mean = normal[0, 1] / normal[1, 1]
+    return math.sqrt(max(normal[0, 0] / normal[1, 1] - mean * mean, 0.0))
 
 
 def back_project(

@@ -136,6 +136,9 @@ def test_votes_are_weighted_by_the_histogram() -> None:
         pytest.param(np.zeros((HEIGHT, WIDTH), np.float32), id="no disparity"),
         pytest.param(np.full((HEIGHT, WIDTH), 20, np.float32), id="a wall"),
         pytest.param(np.flipud(plane_disparity()), id="a ceiling"),
+        pytest.param(
+            np.where(np.arange(HEIGHT)[:, None] == 90, np.float32(9), np.zeros((HEIGHT, WIDTH), np.float32)), id="a row"
+        ),
         pytest.param(np.zeros((16, 16), np.float32), id="tiny"),
         pytest.param(np.ones((1, 1), np.float32), id="one pixel"),
     ],
