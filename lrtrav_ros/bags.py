@@ -23,7 +23,6 @@ from lrtrav_ros.camera import StereoCamera
 from lrtrav_ros.datasets import SOURCES, Frame
 from lrtrav_ros.recordings import BagMessage, Recording
 from lrtrav_ros.topics import (
-    COMPRESSED_TYPE,
     DEPTH_IMAGE,
     DISPARITY,
     DISPARITY_TYPE,
@@ -206,17 +205,18 @@ class StereoBag:
         """Return the frame of a pair of messages; raises ValueError where they cannot be used."""
         stamp_ns = _stamp_ns(left_message)
         try:
-            raw = _image(left_message)
+            raw = images.decode_message(left_message)
             left = images.as_8bit(raw)
             right = disparity = depth_m = None
             if self.source == "stereo":
-                right = _of_size(images.as_8bit(_image(second), like=raw), left)
+                right = _of_size(images.as_8bit(images.decode_message(second), like=raw), left)
                 camera = stereo_camera(infos[LEFT_INFO], infos[RIGHT_INFO])
             elif self.source == "disparity":
-                disparity = _of_size(images.valid_disparity(_image(second.image), second.min_disparity), left)
+                found = images.valid_disparity(images.decode_message(second.image), second.min_disparity)
+                disparity = _of_size(found, left)
                 camera = disparity_camera(second, infos[LEFT_INFO])
             else:
-                depth_m = _of_size(images.depth_in_metres(_image(second)), left)
+                depth_m = _of_size(images.depth_in_metres(images.decode_message(second)), left)
                 camera = depth_camera(infos[LEFT_INFO], infos.get(RIGHT_INFO))
             _check_size(infos[LEFT_INFO], left)
         except ValueError as err:
@@ -465,20 +465,6 @@ def _deserialized(message: BagMessage) -> Any:
 def _stamp_ns(message: Any) -> int:
     stamp = message.header.stamp
     return int(stamp.sec) * 10**9 + int(stamp.nanosec)
-
-
-def _image(message: Any) -> NDArray[Any]:
-    """Return the array of an Image or CompressedImage."""
-    if message.__msgtype__ == COMPRESSED_TYPE:
-        return images.decode_compressed(message.data, message.format)
-    return images.decode_image(
-        message.data,
-        encoding=message.encoding,
-        height=message.height,
-        width=message.width,
-        step=message.step,
-        is_bigendian=message.is_bigendian,
-    )
 
 
 def _of_size(image: NDArray[Any], left: NDArray[Any]) -> NDArray[Any]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import time
 from dataclasses import dataclass
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -118,22 +119,31 @@ class Detector:
         ValueError
             If not exactly one of the three is given, or an image does not fit.
         """
-        if [right is None, disparity is None, depth_m is None].count(False) != 1:
-            raise ValueError("give exactly one of right, disparity and depth_m")
         start = time.perf_counter()
-        if right is not None:
-            disparity = self.match(left, right)
-        elif depth_m is not None:
-            disparity = self.disparity_of_depth(depth_m)
-        else:
-            assert disparity is not None  # one of the three is given
-            disparity = valid_disparity(disparity, 0.0)
+        disparity = self.disparity_of(left, right, disparity=disparity, depth_m=depth_m)
         matched = time.perf_counter()
         short_range = self.short_range(disparity, from_depth=depth_m is not None)
         ground_ms = _milliseconds_since(matched)
         long_range, times = self._timed_long_range(left, short_range.occupancy)
         times = dataclasses.replace(times, matching_ms=(matched - start) * 1e3, ground_ms=ground_ms)
         return Detection(as_8bit(left), disparity, short_range, long_range, times)
+
+    def disparity_of(
+        self,
+        left: Image,
+        right: Image | None = None,
+        *,
+        disparity: NDArray[np.float32] | None = None,
+        depth_m: NDArray[np.float32] | None = None,
+    ) -> NDArray[np.float32]:
+        """Return a frame's disparity, float32 (H, W) in pixels, 0 for none; takes and raises what `detect` does."""
+        if [right is None, disparity is None, depth_m is None].count(False) != 1:
+            raise ValueError("give exactly one of right, disparity and depth_m")
+        if right is not None:
+            return self.match(left, right)
+        if depth_m is not None:
+            return self.disparity_of_depth(depth_m)
+        return valid_disparity(cast("NDArray[np.float32]", disparity), 0.0)
 
     def match(self, left: Image, right: Image) -> NDArray[np.float32]:
         """Return the disparity of the left image, float32 (H, W) in pixels, 0 for none."""

@@ -22,6 +22,9 @@ GROUND = 0
 OBSTACLE = 100
 UNKNOWN = 255
 
+NO_GROUND = "no ground line found"
+"""What results say of a frame in which there is none."""
+
 _MAX_DISPARITIES = 1024  # what is nearer is left to the plane
 _HORIZON_STEP = 2  # rows between the horizons of the Hough transform
 _SLOPE_STEP = 0.03  # relative step between its slopes

@@ -106,6 +106,26 @@ def decode_image(
     return image if pixel.conversion is None else cv2.cvtColor(image, pixel.conversion)
 
 
+def decode_message(message: Any) -> Image:
+    """Return the array of a ``sensor_msgs`` Image or CompressedImage, of rclpy or of rosbags.
+
+    Raises
+    ------
+    ValueError
+        If the message is not whole; see `decode_image` and `decode_compressed`.
+    """
+    if hasattr(message, "format"):
+        return decode_compressed(message.data, message.format)
+    return decode_image(
+        message.data,
+        encoding=message.encoding,
+        height=message.height,
+        width=message.width,
+        step=message.step,
+        is_bigendian=message.is_bigendian,
+    )
+
+
 def _check_layout(n_bytes: int, *, height: int, width: int, step: int, row_bytes: int) -> None:
     """Raise ValueError where the sizes of an image do not fit each other."""
     if height <= 0 or width <= 0:

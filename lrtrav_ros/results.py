@@ -22,6 +22,7 @@ from lrtrav_ros.camera import StereoCamera
 from lrtrav_ros.config import Config, dump_parameters
 from lrtrav_ros.detector import Detection, StageTimes
 from lrtrav_ros.features import to_gray, weber_descriptor
+from lrtrav_ros.ground import NO_GROUND
 from lrtrav_ros.images import encode_file, scaled_disparity, write_bytes
 
 # What --save can add, each in a folder of its name.
@@ -139,7 +140,7 @@ def _row(name: str, detection: Detection, camera: StereoCamera) -> dict[str, str
     row.update({key: f"{value:.2f}" for key, value in dataclasses.asdict(detection.times).items()})
     line = detection.short_range.line
     if line is None:
-        row["problem"] = "no ground line found"
+        row["problem"] = NO_GROUND
     else:
         values = (
             line.slope,

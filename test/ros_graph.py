@@ -1,7 +1,10 @@
 """What the node tests share: a scene as messages, and a graph of nodes that is spun until something holds."""
 
+import subprocess
 import time
 from collections import defaultdict
+from contextlib import contextmanager
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -18,6 +21,7 @@ from lrtrav_ros.camera import StereoCamera
 from lrtrav_ros.nodes import diagnostics
 from lrtrav_ros.nodes.messages import array_to_image, stamp_ns
 
+ROOT = Path(__file__).parents[1]
 HEIGHT, WIDTH = 120, 160
 CAMERA = StereoCamera(fx=150.0, fy=150.0, cx=80.0, cy=40.0, baseline_m=0.2)
 CAMERA_HEIGHT_M = 1.0
@@ -136,3 +140,19 @@ def _seconds(message):
 def value(status, key):
     """Return a value of a diagnostic status as a number."""
     return float(next(item.value for item in status.values if item.key == key))
+
+
+@contextmanager
+def process_starter():
+    """Yield a function that starts a command; at the end, end what runs still."""
+    processes = []
+
+    def start(*command):
+        processes.append(subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=ROOT))
+        return processes[-1]
+
+    yield start
+    for process in processes:
+        if process.poll() is None:
+            process.kill()
+        process.communicate()

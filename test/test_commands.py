@@ -10,9 +10,12 @@ from pathlib import Path
 
 import pytest
 
-from lrtrav_ros.commands import COMMANDS, run, run_lrtrav
+from lrtrav_ros.bags import FORMATS
+from lrtrav_ros.commands import COMMANDS, detect, evaluate, generate, run, run_lrtrav
 from lrtrav_ros.commands.options import add_detection_options, config_from
 from lrtrav_ros.config import Config, parameters
+from lrtrav_ros.evaluation.methods import METHODS
+from lrtrav_ros.results import EXTRAS
 
 
 def parsed(*arguments: str) -> argparse.Namespace:
@@ -56,6 +59,12 @@ def test_help_of_detect_names_every_parameter(capsys: pytest.CaptureFixture[str]
         run("detect", ["--help"])
     text = capsys.readouterr().out
     assert [item.name for item in parameters() if f"  {item.name}={item.default}  " not in text] == []
+
+
+def test_help_names_what_the_modules_hold_that_it_does_not_import() -> None:
+    assert ", ".join(EXTRAS) == detect._EXTRAS
+    assert ", ".join(METHODS) == evaluate._METHODS
+    assert generate.BAG_FORMATS == FORMATS
 
 
 @pytest.mark.parametrize("arguments", [[], ["fly"], ["detect"], ["detect", "x"], ["generate", "x", "--frames", "many"]])

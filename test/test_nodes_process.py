@@ -11,11 +11,10 @@ import pytest
 pytest.importorskip("rclpy")
 
 from diagnostic_msgs.msg import DiagnosticStatus
-from ros_graph import Graph
+from ros_graph import ROOT, Graph, process_starter
 
 from lrtrav_ros.nodes import transport
 
-ROOT = Path(__file__).parents[1]
 COMMAND = "import sys; from lrtrav_ros.commands import run; sys.exit(run(sys.argv[1], sys.argv[2:]))"
 FAST = ["-p", "stereo.matcher:=bm"]
 
@@ -30,18 +29,10 @@ def graph(ros):
 @pytest.fixture
 def start():
     """Start an executable; end it where the test did not."""
-    processes = []
-
-    def start(name, *ros_args):
-        command = [sys.executable, "-c", COMMAND, name, "--ros-args", "-r", "__ns:=/process", *ros_args]
-        processes.append(subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=ROOT))
-        return processes[-1]
-
-    yield start
-    for process in processes:
-        if process.poll() is None:
-            process.kill()
-        process.communicate()
+    with process_starter() as start_command:
+        yield lambda name, *ros_args: start_command(
+            sys.executable, "-c", COMMAND, name, "--ros-args", "-r", "__ns:=/process", *ros_args
+        )
 
 
 @pytest.mark.parametrize(

@@ -1,10 +1,8 @@
 """Replaying bags of every format into the nodes, in a process of its own."""
 
 import signal
-import subprocess
 import sys
 import time
-from pathlib import Path
 
 import pytest
 
@@ -12,14 +10,15 @@ pytest.importorskip("rclpy")
 
 import itertools
 
-from ros_graph import CAMERA, N_DISPARITIES, Graph, stereo_pair
+from ros_graph import CAMERA, N_DISPARITIES, Graph, process_starter, stereo_pair
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import CameraInfo, Image
 
 from lrtrav_ros.bags import write_stereo_bag
 from lrtrav_ros.datasets import Frame
+from lrtrav_ros.images import decode_message
 from lrtrav_ros.nodes.long_range_node import LongRangeNode
-from lrtrav_ros.nodes.messages import image_to_array, stamp_ns
+from lrtrav_ros.nodes.messages import stamp_ns
 from lrtrav_ros.nodes.replay import ReplayOptions, published_names
 from lrtrav_ros.nodes.short_range_node import ShortRangeNode
 from lrtrav_ros.topics import COMPRESSED_TYPE, IMAGE_TYPE, INFO_TYPE
@@ -28,7 +27,6 @@ SETTINGS = {"stereo.matcher": "bm", "stereo.n_disparities": N_DISPARITIES, "supe
 PERIOD_NS = 100_000_000
 START_NS = 1_700_000_000_000_000_000
 STAMPS = [START_NS + i * PERIOD_NS for i in range(5)]
-ROOT = Path(__file__).parents[1]
 COMMAND = "import sys; from lrtrav_ros.commands import run; sys.exit(run('replay', sys.argv[1:]))"
 
 
@@ -69,18 +67,10 @@ def bags(tmp_path_factory):
 @pytest.fixture
 def start(graph):
     """Start a replay; end it where the test did not."""
-    processes = []
-
-    def start(*arguments):
-        command = [sys.executable, "-c", COMMAND, *map(str, arguments), "--ros-args", "-r", "__ns:=/replay"]
-        processes.append(subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=ROOT))
-        return processes[-1]
-
-    yield start
-    for process in processes:
-        if process.poll() is None:
-            process.kill()
-        process.communicate()
+    with process_starter() as start_command:
+        yield lambda *arguments: start_command(
+            sys.executable, "-c", COMMAND, *map(str, arguments), "--ros-args", "-r", "__ns:=/replay"
+        )
 
 
 def finished(graph, process):
@@ -96,7 +86,7 @@ def test_bags_of_every_format_reach_the_nodes(graph, left_images, bags, start, n
     assert output.startswith("published 20 messages on 4 topics in ")
     graph.at("long_range/mask", STAMPS[-1])
     assert [stamp for stamp, _, _ in left_images] == STAMPS
-    assert all((image_to_array(message) == stereo_pair()[0]).all() for _, _, message in left_images)
+    assert all((decode_message(message) == stereo_pair()[0]).all() for _, _, message in left_images)
 
 
 def test_a_loop_jumps_back_in_time_and_goes_on_until_a_signal(graph, left_images, bags, start):

@@ -14,8 +14,9 @@ from stereo_msgs.msg import DisparityImage
 
 from lrtrav_ros import Config, Detector, StereoCamera
 from lrtrav_ros.calibration import VIRTUAL_BASELINE_M
+from lrtrav_ros.images import decode_message
 from lrtrav_ros.nodes.long_range_node import LongRangeNode
-from lrtrav_ros.nodes.messages import array_to_image, disparity_to_message, image_to_array
+from lrtrav_ros.nodes.messages import array_to_image, disparity_to_message
 from lrtrav_ros.nodes.short_range_node import ShortRangeNode
 
 SETTINGS = {"stereo.matcher": "bm", "stereo.n_disparities": N_DISPARITIES, "superpixels.n_superpixels": 40}
@@ -31,7 +32,7 @@ def make_graph(source, **more):
 
 
 def results(graph, stamp):
-    return [image_to_array(graph.at(topic, stamp)) for topic in ("short_range/occupancy", "long_range/mask")]
+    return [decode_message(graph.at(topic, stamp)) for topic in ("short_range/occupancy", "long_range/mask")]
 
 
 def assert_same(graph, stamp, detection):
@@ -106,7 +107,7 @@ def test_depth(of_depth, encoding):
     assert_same(graph, stamp, Detector(config, camera).detect(left, depth_m=depth_m))
     out = graph.at("disparity", stamp)
     assert out.t == pytest.approx(VIRTUAL_BASELINE_M)
-    valid = image_to_array(out.image) >= 0
+    valid = decode_message(out.image) >= 0
     np.testing.assert_array_equal(valid, (depth_m > 0) & (depth_m <= 20.0))
 
 

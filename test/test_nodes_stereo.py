@@ -29,8 +29,9 @@ from sensor_msgs.msg import Image
 from stereo_msgs.msg import DisparityImage
 
 from lrtrav_ros import Config, Detector
+from lrtrav_ros.images import decode_message
 from lrtrav_ros.nodes.long_range_node import LongRangeNode
-from lrtrav_ros.nodes.messages import image_to_array, stamp_ns
+from lrtrav_ros.nodes.messages import stamp_ns
 from lrtrav_ros.nodes.short_range_node import ShortRangeNode
 from lrtrav_ros.pictures import overlay
 
@@ -83,7 +84,7 @@ def test_outputs_are_those_of_the_detector_with_stamp_and_frame_of_the_left_imag
     publish(graph, left, right, stamp)
     expected = Detector(Config().updated(SETTINGS), CAMERA).detect(left, right)
     messages = {topic: graph.at(topic, stamp) for topic in OUTPUTS}
-    arrays = {topic: image_to_array(message) for topic, message in messages.items()}
+    arrays = {topic: decode_message(message) for topic, message in messages.items()}
     assert {message.header.frame_id for message in messages.values()} == {FRAME_ID}
     assert {message.encoding for message in messages.values()} == {"mono8"}
     np.testing.assert_array_equal(arrays["short_range/mask"], expected.short_range.mask)
@@ -100,7 +101,7 @@ def test_disparity_image_is_complete(graph):
     stamp = next(STAMPS)
     publish(graph, left, right, stamp)
     message = graph.at("disparity", stamp)
-    disparity = image_to_array(message.image)
+    disparity = decode_message(message.image)
     assert message.header == message.image.header
     assert (message.f, message.t) == pytest.approx((CAMERA.fx, CAMERA.baseline_m))
     assert (message.min_disparity, message.max_disparity, message.delta_d) == (0.0, N_DISPARITIES - 1, 1 / 16)
@@ -270,7 +271,7 @@ def test_debug_topics_when_subscribed(graph, topic, encoding, expected):
     message = graph.at(topic, stamp)
     assert (message.encoding, message.header.frame_id) == (encoding, FRAME_ID)
     detection = Detector(Config().updated(SETTINGS), CAMERA).detect(left, right)
-    np.testing.assert_array_equal(image_to_array(message), expected(detection))
+    np.testing.assert_array_equal(decode_message(message), expected(detection))
     graph.tester.destroy_subscription(subscription)
     graph.spin_until(lambda: publisher.get_subscription_count() == 0)
 
@@ -303,7 +304,7 @@ def test_parameters_change_while_running(graph):
     left, right = stereo_pair()
     stamp = next(STAMPS)
     publish(graph, left, right, stamp)
-    disparity = image_to_array(graph.at("disparity", stamp).image)
+    disparity = decode_message(graph.at("disparity", stamp).image)
     expected = Detector(Config().updated({**SETTINGS, "stereo.matcher": "bm"}), CAMERA).match(left, right)
     np.testing.assert_array_equal(disparity, np.where(expected > 0, expected, np.float32(-1)))
     assert answer("stereo.matcher", "sgbm").successful

@@ -9,6 +9,7 @@ import sys
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,6 +17,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
+    from lrtrav_ros.nodes.collector import Collector
     from lrtrav_ros.synthetic import SyntheticFrame
 
 _TOPICS = (
@@ -30,6 +32,7 @@ _TRUSTED_M = 10.0  # as far as a small stereo camera sees; what lies beyond is f
 _QUIET = ("--log-level", "error")  # the nodes would say that no images come while these are rendered
 _START_S = 90.0  # kernels are compiled at the first start
 _END_S = 10.0
+_SILENCE_S = 2.0  # after which no more masks come, once the replay has ended
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -118,27 +121,24 @@ def _replay(
             lambda: collector.publishers_are_there() or detector.poll() is not None, timeout_s=_START_S
         ):
             raise RuntimeError(f"the detector was not ready within {_START_S:.0f} s")
+        deadline = time.monotonic() + _START_S + n_frames / rate
         with (
             _process("replay", str(bag), "--rate", str(rate), "--ros-args", "-r", f"__ns:={_namespace()}") as replay,
             tqdm(total=n_frames, desc="detect", unit="frame", disable=None) as bar,
         ):
-
-            def finished() -> bool:
-                bar.update(collector.n_complete() - bar.n)
-                return detector.poll() is not None or replay.poll() is not None
-
-            collector.spin_until(finished, timeout_s=_START_S + n_frames / rate)
-            last_news = time.monotonic()
-
-            def silent() -> bool:
-                nonlocal last_news
-                if collector.n_complete() > bar.n:
-                    last_news = time.monotonic()
-                bar.update(collector.n_complete() - bar.n)
-                return bar.n >= n_frames or time.monotonic() - last_news > 2.0
-
-            collector.spin_until(silent, timeout_s=_END_S)
+            n_done = 0  # not the bar's count, which stands still where no bar is shown
+            while n_done < n_frames and time.monotonic() < deadline:
+                collector.spin_until(partial(_more_than, collector, n_done), timeout_s=_SILENCE_S)
+                n_new = collector.n_complete() - n_done
+                bar.update(n_new)
+                n_done += n_new
+                if not n_new and (detector.poll() is not None or replay.poll() is not None):
+                    break
         return dict(collector.images)
+
+
+def _more_than(collector: Collector, n: int) -> bool:
+    return collector.n_complete() > n
 
 
 def _stamp(frame: SyntheticFrame) -> int:

@@ -153,6 +153,7 @@ def _labels(text: str) -> tuple[int, int, int]:
 def _print(summary: Summary) -> None:
     """Print the tables, and on standard error what went wrong."""
     from lrtrav_ros.evaluation.tables import band_table, score_table
+    from lrtrav_ros.ground import NO_GROUND
 
     if summary.results:
         print("\n".join(["", *score_table(summary), "", *band_table(summary)]))
@@ -164,4 +165,4 @@ def _print(summary: Summary) -> None:
     for result in summary.results:
         if result.gave_up:
             frames = ", ".join(result.gave_up)
-            print(f"{result.set}, {result.method}: no ground line found in {frames}", file=sys.stderr)
+            print(f"{result.set}, {result.method}: {NO_GROUND} in {frames}", file=sys.stderr)

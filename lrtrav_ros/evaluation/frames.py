@@ -21,9 +21,8 @@ from lrtrav_ros.evaluation.scores import count_bands, mean_scores, score, spread
 from lrtrav_ros.evaluation.sets import FrameSource, LabelledFrame
 from lrtrav_ros.evaluation.stages import FrameStages
 from lrtrav_ros.evaluation.truth import apply_unknown_rule
+from lrtrav_ros.ground import NO_GROUND
 from lrtrav_ros.images import encode_file
-
-NO_GROUND = "no ground line found"
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,6 +16,7 @@ from lrtrav_ros.evaluation.gallery import Exhibit, Picture
 from lrtrav_ros.evaluation.records import FrameRecord, FrameTimes, MethodRecord, Result, Summary
 from lrtrav_ros.evaluation.scores import Scores
 from lrtrav_ros.evaluation.tables import BAND_NAMES
+from lrtrav_ros.ground import NO_GROUND
 from lrtrav_ros.images import write_bytes
 
 _SCORES = (("precision", "precision"), ("recall", "recall"), ("rmse", "RMSE"))
@@ -223,7 +224,7 @@ def _problems(summary: Summary) -> str:
             items.append(f"{item.name}: {_number_of(item.n_without_truth, 'frame')} without ground truth")
     for row in summary.results:
         if row.gave_up:
-            items.append(f"{row.set}, {row.method}: no ground line found in {', '.join(row.gave_up)}; scored as found")
+            items.append(f"{row.set}, {row.method}: {NO_GROUND} in {', '.join(row.gave_up)}; scored as found")
     if not items:
         return '<p class="soft">All frames could be used, and no stage gave up.</p>'
     listed = "".join(f"<li>{escape(item)}</li>" for item in items)

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -113,21 +114,19 @@ def score(mask: NDArray[np.uint8], truth: NDArray[np.uint8]) -> Scores:
 
 def mean_scores(scores: Sequence[Scores]) -> Scores:
     """Return the means of each score; ValueError where there are none."""
-    if not scores:
-        raise ValueError("there are no scores to take the mean of")
-    return Scores(
-        precision=float(np.mean([item.precision for item in scores])),
-        recall=float(np.mean([item.recall for item in scores])),
-        rmse=float(np.mean([item.rmse for item in scores])),
-    )
+    return _of_each(scores, np.mean)
 
 
 def spread_of_scores(scores: Sequence[Scores]) -> Scores:
     """Return the standard deviations of each score; ValueError where there are none."""
+    return _of_each(scores, np.std)
+
+
+def _of_each(scores: Sequence[Scores], statistic: Callable[[list[float]], np.floating[Any]]) -> Scores:
     if not scores:
-        raise ValueError("there are no scores to take the spread of")
+        raise ValueError(f"there are no scores to take the {statistic.__name__} of")
     return Scores(
-        precision=float(np.std([item.precision for item in scores])),
-        recall=float(np.std([item.recall for item in scores])),
-        rmse=float(np.std([item.rmse for item in scores])),
+        precision=float(statistic([item.precision for item in scores])),
+        recall=float(statistic([item.recall for item in scores])),
+        rmse=float(statistic([item.rmse for item in scores])),
     )

@@ -15,7 +15,6 @@ from lrtrav_ros.datasets import Frame
 from lrtrav_ros.detector import Detector
 from lrtrav_ros.features import colour_histograms, superpixel_distances, texture_histograms
 from lrtrav_ros.ground import ShortRange
-from lrtrav_ros.images import valid_disparity
 from lrtrav_ros.superpixels import preemptive_slic
 
 Value = TypeVar("Value")
@@ -78,13 +77,8 @@ class FrameStages:
 
     def _match(self, config: Config) -> NDArray[np.float32]:
         frame = self.frame
-        if frame.disparity is not None:
-            return valid_disparity(frame.disparity, 0.0)
-        if frame.depth_m is not None:
-            return frame.camera.disparity(frame.depth_m)
-        if frame.right is None:
-            raise ValueError(f"frame {frame.name} has neither right image nor disparity nor depth")
-        return Detector(config, frame.camera).match(frame.left, frame.right)
+        detector = Detector(config.updated({"source.max_depth_m": 0.0}), frame.camera)
+        return detector.disparity_of(frame.left, frame.right, disparity=frame.disparity, depth_m=frame.depth_m)
 
     def _once(self, key: Hashable, compute: Callable[[], Value]) -> Timed[Value]:
         if key not in self._done:

@@ -15,7 +15,8 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import Image
 
-from lrtrav_ros.nodes.messages import image_to_array, stamp_ns
+from lrtrav_ros.images import decode_message
+from lrtrav_ros.nodes.messages import stamp_ns
 from lrtrav_ros.nodes.transport import use_large_segment
 
 _QUEUE_DEPTH = 50
@@ -70,4 +71,4 @@ class Collector:
         return True
 
     def _take(self, topic: str, message: Image) -> None:
-        self.images[stamp_ns(message)][topic] = image_to_array(message)
+        self.images[stamp_ns(message)][topic] = decode_message(message)

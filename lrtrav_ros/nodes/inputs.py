@@ -112,7 +112,7 @@ class StereoInput:
 
     def disparity(self, measurement: Measurement, detector: Detector) -> NDArray[np.float32]:
         """Match the two images."""
-        left, right = (messages.image_to_array(message) for message in measurement)
+        left, right = (images.decode_message(message) for message in measurement)
         return detector.match(images.as_8bit(left), images.as_8bit(right, like=left))
 
     def _take_left(self, message: Any) -> None:

@@ -95,7 +95,7 @@ class LongRangeNode(Node):
         return "" if self._pairing.idle_s < PATIENCE_S else self._pairing.reason(tolerance_ns=self._tolerance_ns)
 
     def _process(self, pair: Pair) -> None:
-        occupancy, left = (messages.image_to_array(message) for message in pair)
+        occupancy, left = (images.decode_message(message) for message in pair)
         long_range = self._detector().long_range(left, occupancy)
         self._publish(pair[1].header, left, occupancy, long_range)
 

@@ -23,20 +23,6 @@ def stamp_ns(message: Any) -> int:
     return int(message.header.stamp.sec) * 1_000_000_000 + int(message.header.stamp.nanosec)
 
 
-def image_to_array(message: Image | CompressedImage) -> NDArray[Any]:
-    """Return an image as `images.decode_image` does, which see; raises ValueError where the message is not whole."""
-    if isinstance(message, CompressedImage):
-        return images.decode_compressed(message.data, message.format)
-    return images.decode_image(
-        message.data,
-        encoding=message.encoding,
-        height=message.height,
-        width=message.width,
-        step=message.step,
-        is_bigendian=message.is_bigendian,
-    )
-
-
 def array_to_image(pixels: NDArray[Any], header: Header) -> Image:
     """Return `pixels`, (H, W) or (H, W, 3), as a message; see `images.encode_image` for encodings and errors."""
     encoded = images.encode_image(pixels)
@@ -60,7 +46,7 @@ def as_uint16(values: NDArray[np.int32]) -> NDArray[np.uint16]:
 
 def message_to_disparity(message: DisparityImage) -> NDArray[np.float32]:
     """Return the disparity (H, W) in pixels, 0 where there is none; raises ValueError for other than 32FC1."""
-    return images.valid_disparity(image_to_array(message.image), message.min_disparity)
+    return images.valid_disparity(images.decode_message(message.image), message.min_disparity)
 
 
 def disparity_to_message(
@@ -82,4 +68,4 @@ def disparity_to_message(
 
 def message_to_depth(message: Image | CompressedImage) -> NDArray[np.float32]:
     """Return a depth image (16UC1 in millimetres, 32FC1 in metres) in metres, 0 where there is none."""
-    return images.depth_in_metres(image_to_array(message))
+    return images.depth_in_metres(images.decode_message(message))
