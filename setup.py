@@ -27,7 +27,7 @@ setup(
     license="Apache-2.0",
     python_requires=">=3.10",
     packages=find_packages(include=["lrtrav_ros", "lrtrav_ros.*"]),
-    package_data={"lrtrav_ros.evaluation": ["report.css", "report.js"]},
+    package_data={"lrtrav_ros.evaluation.report": ["report.css", "report.js"]},
     data_files=[
         ("share/ament_index/resource_index/packages", ["resource/lrtrav_ros"]),
         ("share/lrtrav_ros", ["package.xml"]),

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lrtrav_ros.config import StereoConfig
-from lrtrav_ros.matching.elas import Elas
+from lrtrav_ros.method.matching.elas import Elas
 
 SIZES = ((320, 240), (640, 480), (1280, 720), (1920, 1080))
 STEPS = ("_support_points", "_prior", "_match", "_refine")

@@ -11,14 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lrtrav_ros.camera import StereoCamera
-from lrtrav_ros.clustering import spectral_clusters
 from lrtrav_ros.config import Config
-from lrtrav_ros.extension import extend
-from lrtrav_ros.features import superpixel_distances
-from lrtrav_ros.ground import ShortRange, detect_ground, traversable_mask
-from lrtrav_ros.images import Image, as_8bit, valid_disparity
-from lrtrav_ros.matching import create_matcher
-from lrtrav_ros.superpixels import preemptive_slic
+from lrtrav_ros.io.encodings import Image, as_8bit, valid_disparity
+from lrtrav_ros.method.clustering import spectral_clusters
+from lrtrav_ros.method.extension import extend
+from lrtrav_ros.method.features import superpixel_distances
+from lrtrav_ros.method.ground import ShortRange, detect_ground, traversable_mask
+from lrtrav_ros.method.matching import create_matcher
+from lrtrav_ros.method.superpixels import preemptive_slic
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,8 +8,8 @@ from functools import lru_cache
 
 import numpy as np
 
-from lrtrav_ros.datasets import write_calibration, write_frame
-from lrtrav_ros.synthetic import SceneConfig, render_sequence
+from lrtrav_ros.io.dataset_folder import write_calibration, write_frame
+from lrtrav_ros.synthetic.scenes import SceneConfig, render_sequence
 
 SCENE = SceneConfig(seed=3, style="road", n_frames=4, width=208, height=128, baseline_m=0.3, noise=1.0)
 HEIGHT, WIDTH, CAMERA = SCENE.height, SCENE.width, SCENE.camera

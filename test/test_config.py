@@ -10,7 +10,13 @@ from pathlib import Path
 import pytest
 import yaml
 
-from lrtrav_ros.config import PRESETS, Config, find_parameter, load_parameters, parameters
+from lrtrav_ros.config import (
+    PRESETS,
+    Config,
+    find_parameter,
+    load_parameters,
+    parameters,
+)
 
 ROOT = Path(__file__).parents[1]
 

@@ -11,7 +11,7 @@ from recorded import CAMERA, HEIGHT, WIDTH
 
 from lrtrav_ros import Config, Detector
 from lrtrav_ros.camera import StereoCamera
-from lrtrav_ros.evaluation.scores import score
+from lrtrav_ros.evaluation.scoring.scores import score
 
 SETTINGS = {"stereo.n_disparities": 64, "superpixels.n_superpixels": 60}
 

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from lrtrav_ros import topics
 from lrtrav_ros.commands import COMMANDS
 from lrtrav_ros.config import find_parameter
+from lrtrav_ros.io import topics
 
 ROOT = Path(__file__).parents[1]
 TEXT = (ROOT / "README.md").read_text(encoding="utf-8")

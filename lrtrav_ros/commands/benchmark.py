@@ -14,7 +14,7 @@ from lrtrav_ros.commands.options import add_detection_options, config_from
 
 if TYPE_CHECKING:
     from lrtrav_ros.config import Config
-    from lrtrav_ros.datasets import Frame
+    from lrtrav_ros.io.dataset_folder import Frame
 
 _REFERENCE = "StereoSGBM"
 
@@ -112,7 +112,7 @@ def _reference_ms(frame: Frame) -> float:
 
     import cv2
 
-    from lrtrav_ros.features import to_gray
+    from lrtrav_ros.method.features import to_gray
 
     block = 5
     matcher = cv2.StereoSGBM_create(
@@ -130,11 +130,11 @@ def _frames(args: argparse.Namespace, config: Config) -> list[Frame]:
     from itertools import islice
 
     if args.input is not None:
-        from lrtrav_ros.sequences import open_sequence
+        from lrtrav_ros.io.recording import open_sequence
 
         with open_sequence(args.input, config.source) as sequence:
             return list(islice(sequence.frames(), args.frames))
-    from lrtrav_ros.synthetic import STYLES, SceneConfig, render_sequence
+    from lrtrav_ros.synthetic.scenes import STYLES, SceneConfig, render_sequence
 
     width, height = args.size
     scenes = [

@@ -17,8 +17,8 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from lrtrav_ros.nodes.collector import Collector
-    from lrtrav_ros.synthetic import SyntheticFrame
+    from lrtrav_ros.nodes.image_collector import Collector
+    from lrtrav_ros.synthetic.scenes import SyntheticFrame
 
 _TOPICS = (
     "short_range/occupancy",
@@ -51,8 +51,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run the demonstration; it fails where no mask came back."""
-    from lrtrav_ros.results import output_folder
-    from lrtrav_ros.synthetic import SceneConfig
+    from lrtrav_ros.io.result_folder import output_folder
+    from lrtrav_ros.synthetic.scenes import SceneConfig
 
     scene = SceneConfig(style=args.style, seed=args.seed, n_frames=args.frames, pitch_deg=5.0)
     with output_folder(args.output, overwrite=args.overwrite) as path:
@@ -98,8 +98,8 @@ def _process(*arguments: str) -> Iterator[subprocess.Popen[bytes]]:
 def _render(scene: Any, bag: Path) -> list[SyntheticFrame]:
     from tqdm import tqdm
 
-    from lrtrav_ros.bags import write_stereo_bag
-    from lrtrav_ros.synthetic import render_sequence
+    from lrtrav_ros.io.bag_frames import write_stereo_bag
+    from lrtrav_ros.synthetic.scenes import render_sequence
 
     frames = list(tqdm(render_sequence(scene), total=scene.n_frames, desc="render", unit="frame", disable=None))
     write_stereo_bag(bag, (frame.frame for frame in frames))
@@ -113,7 +113,7 @@ def _replay(
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     from tqdm import tqdm
 
-    from lrtrav_ros.nodes.collector import Collector
+    from lrtrav_ros.nodes.image_collector import Collector
 
     with Collector(_TOPICS, namespace=_namespace()) as collector:
         print("waiting for the detector; its first start compiles kernels")
@@ -151,8 +151,8 @@ def _write(path: Path, frames: Sequence[SyntheticFrame], results: dict[int, dict
     import cv2
     from tqdm import tqdm
 
-    from lrtrav_ros.images import write_image
-    from lrtrav_ros.pictures import stages_picture
+    from lrtrav_ros.io.encodings import write_image
+    from lrtrav_ros.io.pictures import stages_picture
 
     height, width = frames[0].truth.shape
     video = cv2.VideoWriter(str(path / "overlay.mp4"), cv2.VideoWriter.fourcc(*"mp4v"), 10.0, (2 * width, height))
@@ -179,14 +179,14 @@ def _write(path: Path, frames: Sequence[SyntheticFrame], results: dict[int, dict
 def _side_by_side(frame: SyntheticFrame, images: dict[str, NDArray[Any]]) -> NDArray[np.uint8]:
     import numpy as np
 
-    from lrtrav_ros.pictures import colour_image, overlay
+    from lrtrav_ros.io.pictures import colour_image, overlay
 
     drawn = overlay(frame.frame.left, images["short_range/occupancy"], images["long_range/occupancy"])
     return np.hstack([colour_image(frame.frame.left), drawn])
 
 
 def _table(frames: Sequence[SyntheticFrame], n_sent: int, results: dict[int, dict[str, NDArray[Any]]]) -> list[str]:
-    from lrtrav_ros.evaluation.scores import mean_scores, score
+    from lrtrav_ros.evaluation.scoring.scores import mean_scores, score
 
     lines = [f"\n{len(frames)} of {n_sent} frames detected", f"{'mask':12} {'precision':>9} {'recall':>7} {'RMSE':>7}"]
     for mask in ("short_range", "long_range"):

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from lrtrav_ros.commands.options import add_detection_options, add_parallel_options, config_from
 
 if TYPE_CHECKING:
-    from lrtrav_ros.offline import Outcome
+    from lrtrav_ros.offline.detection import Outcome
 
 _EXTRAS = "disparity, superpixels, clusters, occupancy, u_disparity, v_disparity, obstacle_disparity, wld"
 
@@ -42,8 +42,8 @@ def run(args: argparse.Namespace) -> int:
     """Detect in all frames; frames that cannot be used are skipped, counted and reported."""
     config = config_from(args)
 
-    from lrtrav_ros.offline import detect_recording
-    from lrtrav_ros.results import EXTRAS, checked_extras, output_folder
+    from lrtrav_ros.io.result_folder import EXTRAS, checked_extras, output_folder
+    from lrtrav_ros.offline.detection import detect_recording
 
     wanted = EXTRAS if args.save == "all" else filter(None, map(str.strip, args.save.split(",")))
     extras = checked_extras(list(wanted))

@@ -27,8 +27,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Spin both nodes until a signal ends them; return the exit status."""
-    from lrtrav_ros.nodes.detector import run_nodes
     from lrtrav_ros.nodes.long_range_node import LongRangeNode
+    from lrtrav_ros.nodes.process import run_nodes
     from lrtrav_ros.nodes.short_range_node import ShortRangeNode
 
     # The short range comes last: who waits for its subscriptions, as `replay` does, finds both nodes ready.

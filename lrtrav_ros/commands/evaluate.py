@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING
 from lrtrav_ros.commands.options import add_parallel_options, add_setting_options, settings_from
 
 if TYPE_CHECKING:
-    from lrtrav_ros.evaluation.methods import Method
-    from lrtrav_ros.evaluation.readers import ReaderOptions
-    from lrtrav_ros.evaluation.records import Summary
+    from lrtrav_ros.evaluation.scoring.methods import Method
+    from lrtrav_ros.evaluation.scoring.score_records import Summary
+    from lrtrav_ros.evaluation.truth.opening import ReaderOptions
 
 _METHODS = "uv_disparity, proposed, colour_only, texture_only, random_centres, robust, near_to_far, near_to_far_fused"
 
@@ -82,10 +82,10 @@ def run(args: argparse.Namespace) -> int:
         return 2
     values = settings_from(args)
 
-    from lrtrav_ros.evaluation.frames import make_setup
-    from lrtrav_ros.evaluation.outputs import write_configs, write_results
-    from lrtrav_ros.evaluation.readers import open_sets
-    from lrtrav_ros.evaluation.runs import RunFolder, run_frames, run_identity
+    from lrtrav_ros.evaluation.report.output_files import write_configs, write_results
+    from lrtrav_ros.evaluation.scoring.evaluation_folder import RunFolder, run_frames, run_identity
+    from lrtrav_ros.evaluation.scoring.frame_evaluation import make_setup
+    from lrtrav_ros.evaluation.truth.opening import open_sets
 
     options = _reader_options(args, values)
     sets = open_sets(args.datasets, options)
@@ -105,7 +105,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _inspect(path: Path) -> int:
-    from lrtrav_ros.evaluation.mat_files import describe
+    from lrtrav_ros.evaluation.truth.mat_files import describe
 
     print("\n".join(describe(path)))
     return 0
@@ -113,8 +113,8 @@ def _inspect(path: Path) -> int:
 
 def _methods(args: argparse.Namespace) -> list[Method]:
     """Return the methods that are named, or the usual ones; with --study, their variants."""
-    from lrtrav_ros.evaluation.methods import DEFAULT_METHODS, choose_methods
-    from lrtrav_ros.evaluation.studies import study_methods
+    from lrtrav_ros.evaluation.scoring.methods import DEFAULT_METHODS, choose_methods
+    from lrtrav_ros.evaluation.scoring.studies import study_methods
 
     if args.methods is None:
         names = ["proposed"] if args.study else list(DEFAULT_METHODS)
@@ -126,9 +126,9 @@ def _methods(args: argparse.Namespace) -> list[Method]:
 
 def _reader_options(args: argparse.Namespace, values: dict[str, object]) -> ReaderOptions:
     from lrtrav_ros.config import Config
-    from lrtrav_ros.evaluation.mat_files import MatFields
-    from lrtrav_ros.evaluation.readers import ReaderOptions
-    from lrtrav_ros.evaluation.truth import Labels
+    from lrtrav_ros.evaluation.truth.labels import Labels
+    from lrtrav_ros.evaluation.truth.mat_files import MatFields
+    from lrtrav_ros.evaluation.truth.opening import ReaderOptions
 
     fields = []
     for setting in args.fields:
@@ -152,8 +152,8 @@ def _labels(text: str) -> tuple[int, int, int]:
 
 def _print(summary: Summary) -> None:
     """Print the tables, and on standard error what went wrong."""
-    from lrtrav_ros.evaluation.tables import band_table, score_table
-    from lrtrav_ros.ground import NO_GROUND
+    from lrtrav_ros.evaluation.report.tables import band_table, score_table
+    from lrtrav_ros.method.ground import NO_GROUND
 
     if summary.results:
         print("\n".join(["", *score_table(summary), "", *band_table(summary)]))

@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from lrtrav_ros.datasets import Frame
-    from lrtrav_ros.synthetic import SceneConfig
+    from lrtrav_ros.io.dataset_folder import Frame
+    from lrtrav_ros.synthetic.scenes import SceneConfig
 
 BAG_FORMATS = ("mcap", "sqlite3", "rosbag1")
 
@@ -70,7 +70,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _scene(args: argparse.Namespace) -> SceneConfig:
     """Return the scene that the options ask for."""
-    from lrtrav_ros.synthetic import SceneConfig
+    from lrtrav_ros.synthetic.scenes import SceneConfig
 
     fields = [field for _, field, _, _ in _OPTIONS if getattr(args, field) is not None]
     scene = dataclasses.replace(SceneConfig(shadows=not args.no_shadows), **{f: getattr(args, f) for f in fields})
@@ -79,8 +79,8 @@ def _scene(args: argparse.Namespace) -> SceneConfig:
 
 def _write_sequence(folder: Path, scene: SceneConfig, bag: str | None) -> None:
     """Write a sequence as dataset folder, and as rosbag where `bag` names a format."""
-    from lrtrav_ros.bags import write_stereo_bag
-    from lrtrav_ros.datasets import write_calibration
+    from lrtrav_ros.io.bag_frames import write_stereo_bag
+    from lrtrav_ros.io.dataset_folder import write_calibration
 
     write_calibration(folder, scene.camera, scene.width, scene.height)
     frames = _written(folder, scene)
@@ -94,8 +94,8 @@ def _written(folder: Path, scene: SceneConfig) -> Iterator[Frame]:
     """Render the frames, write each into the dataset folder, and yield it."""
     from tqdm import tqdm
 
-    from lrtrav_ros.datasets import write_frame
-    from lrtrav_ros.synthetic import render_sequence
+    from lrtrav_ros.io.dataset_folder import write_frame
+    from lrtrav_ros.synthetic.scenes import render_sequence
 
     for item in tqdm(render_sequence(scene), desc=folder.name, total=scene.n_frames, unit="frame", disable=None):
         write_frame(folder, dataclasses.replace(item.frame, disparity=item.disparity), item.truth)
@@ -121,7 +121,7 @@ def _checked(field: str, kind: Callable[[str], Any]) -> Callable[[str], Any]:
     """Return what reads a field of SceneConfig and refuses what it refuses."""
 
     def read(text: str) -> Any:
-        from lrtrav_ros.synthetic import SceneConfig
+        from lrtrav_ros.synthetic.scenes import SceneConfig
 
         try:
             value = kind(text)

@@ -5,7 +5,13 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from lrtrav_ros.config import PRESETS, Config, find_parameter, load_parameters, parameters
+from lrtrav_ros.config import (
+    PRESETS,
+    Config,
+    find_parameter,
+    load_parameters,
+    parameters,
+)
 
 
 def add_detection_options(parser: argparse.ArgumentParser) -> None:

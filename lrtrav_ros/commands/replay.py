@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from lrtrav_ros.topics import PARTNER
+from lrtrav_ros.io.topics import PARTNER
 
 PASSES_ROS_ARGS = True
 
@@ -44,7 +44,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Publish the bag; return the exit status."""
-    from lrtrav_ros.nodes.replay import ReplayOptions, replay
+    from lrtrav_ros.nodes.bag_player import ReplayOptions, replay
 
     options = ReplayOptions(
         source=args.source,

@@ -24,7 +24,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Spin the node until a signal ends it; return the exit status."""
-    from lrtrav_ros.nodes.detector import run_nodes
+    from lrtrav_ros.nodes.process import run_nodes
     from lrtrav_ros.nodes.short_range_node import ShortRangeNode
 
     return run_nodes([ShortRangeNode], ros_args=args.ros_args)

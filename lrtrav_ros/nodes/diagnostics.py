@@ -13,7 +13,7 @@ from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.node import Node
 
-from lrtrav_ros.nodes.pairing import Side
+from lrtrav_ros.io.pairing import Side
 from lrtrav_ros.nodes.worker import Worker
 
 PERIOD_S = 1.0

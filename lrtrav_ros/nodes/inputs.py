@@ -12,11 +12,13 @@ from rclpy.node import Node
 from sensor_msgs.msg import CameraInfo
 from stereo_msgs.msg import DisparityImage
 
-from lrtrav_ros import calibration, images, topics
 from lrtrav_ros.camera import StereoCamera
 from lrtrav_ros.detector import Detector
+from lrtrav_ros.io import camera_info as calibration
+from lrtrav_ros.io import encodings as images
+from lrtrav_ros.io import topics
+from lrtrav_ros.io.pairing import Pairing, Side
 from lrtrav_ros.nodes import endpoints, messages
-from lrtrav_ros.nodes.pairing import Pairing, Side
 from lrtrav_ros.nodes.parameters import Settings
 
 PATIENCE_S = 5.0

@@ -10,18 +10,19 @@ from rclpy.node import Node
 from sensor_msgs.msg import Image
 from std_msgs.msg import Header
 
-from lrtrav_ros import images, topics
 from lrtrav_ros.camera import StereoCamera
 from lrtrav_ros.config import Config
 from lrtrav_ros.detector import Detector, LongRange
-from lrtrav_ros.kernels import compile_kernels
+from lrtrav_ros.io import encodings as images
+from lrtrav_ros.io import topics
+from lrtrav_ros.io.pairing import Pairing
+from lrtrav_ros.io.pictures import overlay
 from lrtrav_ros.nodes import endpoints, messages
 from lrtrav_ros.nodes.diagnostics import Diagnostics, report_failure
 from lrtrav_ros.nodes.inputs import PATIENCE_S
-from lrtrav_ros.nodes.pairing import Pairing
 from lrtrav_ros.nodes.parameters import Settings
+from lrtrav_ros.nodes.warm_up import compile_kernels
 from lrtrav_ros.nodes.worker import Worker
-from lrtrav_ros.pictures import overlay
 
 _STAGES = ("source", "superpixels", "features", "clustering", "extension")
 

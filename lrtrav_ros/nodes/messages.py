@@ -11,8 +11,8 @@ from sensor_msgs.msg import CompressedImage, Image, RegionOfInterest
 from std_msgs.msg import Header
 from stereo_msgs.msg import DisparityImage
 
-from lrtrav_ros import images
 from lrtrav_ros.camera import StereoCamera
+from lrtrav_ros.io import encodings as images
 
 _NO_DISPARITY = -1.0
 _DELTA_DISPARITY = 1 / 16  # what OpenCV's matchers resolve

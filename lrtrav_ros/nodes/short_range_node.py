@@ -11,16 +11,16 @@ from sensor_msgs.msg import Image
 from std_msgs.msg import Header
 from stereo_msgs.msg import DisparityImage
 
-from lrtrav_ros import topics
 from lrtrav_ros.camera import StereoCamera
 from lrtrav_ros.config import Config
 from lrtrav_ros.detector import Detector
-from lrtrav_ros.ground import ShortRange
-from lrtrav_ros.kernels import compile_kernels
+from lrtrav_ros.io import topics
+from lrtrav_ros.method.ground import ShortRange
 from lrtrav_ros.nodes import endpoints, messages
 from lrtrav_ros.nodes.diagnostics import Diagnostics, report_failure
 from lrtrav_ros.nodes.inputs import INPUTS, Input, Measurement
 from lrtrav_ros.nodes.parameters import Settings
+from lrtrav_ros.nodes.warm_up import compile_kernels
 from lrtrav_ros.nodes.worker import Worker
 
 _STAGES = ("threads", "source", "stereo", "elas", "ground")

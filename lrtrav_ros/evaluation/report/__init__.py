@@ -1,0 +1,1 @@
+"""Presentation of a finished evaluation: tables, charts, pictures and the HTML page."""

@@ -1,0 +1,153 @@
+"""From the records of frames to the table: methods x sets, and the means over the sets."""
+
+from __future__ import annotations
+
+import functools
+import operator
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from lrtrav_ros.evaluation.scoring.frame_evaluation import Setup
+from lrtrav_ros.evaluation.scoring.paper_figures import paper_mean, paper_scores
+from lrtrav_ros.evaluation.scoring.score_records import (
+    MEAN,
+    FrameError,
+    FrameRecord,
+    MethodRecord,
+    MethodSummary,
+    Result,
+    SetSummary,
+    Summary,
+)
+from lrtrav_ros.evaluation.scoring.scores import (
+    DISTANCE_BANDS,
+    Counts,
+    Scores,
+    mean_scores,
+    spread_of_scores,
+)
+from lrtrav_ros.evaluation.truth.opening import NamedSet
+
+
+def summarise(sets: Sequence[NamedSet], records: Sequence[FrameRecord], setup: Setup, unknown: str) -> Summary:
+    """Return what the records of all frames come to.
+
+    Parameters
+    ----------
+    unknown
+        The rule for unknown pixels; an empty text for that of each set.
+    """
+    methods = [run.method.name for run in setup.runs]
+    results, means = [], []
+    for method in methods:
+        of_method = [_SetRecords(item.name, method, records) for item in sets]
+        of_method = [item for item in of_method if item.records]
+        results += [item.result() for item in of_method]
+        if of_method:
+            means.append(_mean(of_method))
+    order = {item.name: i for i, item in enumerate(sets)}
+    return Summary(
+        sets=tuple(_set_summary(item, records, unknown) for item in sets),
+        methods=tuple(
+            MethodSummary(run.method.name, run.method.description, run.configs[0].values()) for run in setup.runs
+        ),
+        results=tuple(sorted(results, key=lambda result: order[result.set])),
+        means=tuple(means),
+        seeds=max((tuple(config.clustering.seed for config in run.configs) for run in setup.runs), key=len, default=()),
+    )
+
+
+class _SetRecords:
+    """The records of one method on one set."""
+
+    def __init__(self, name: str, method: str, records: Sequence[FrameRecord]) -> None:
+        self.set = name
+        self.method = method
+        found = [
+            (frame.frame, record)
+            for frame in records
+            if frame.set == name
+            for record in frame.methods
+            if record.method == method
+        ]
+        self.frames = [frame for frame, _ in found]
+        self.records = [record for _, record in found]
+
+    @property
+    def seed_means(self) -> list[Scores]:
+        """The means over the frames for each seed."""
+        return [mean_scores(scores) for scores in zip(*(record.seeds for record in self.records), strict=True)]
+
+    @property
+    def bands(self) -> tuple[Counts, ...]:
+        """The pixels of all frames in each band; none where no frame has distances."""
+        counts = [record.bands for record in self.records if record.bands]
+        return tuple(functools.reduce(operator.add, band) for band in zip(*counts, strict=True))
+
+    @property
+    def gave_up(self) -> list[str]:
+        """The frames where a stage gave up."""
+        return [frame for frame, record in zip(self.frames, self.records, strict=True) if record.problem]
+
+    def result(self) -> Result:
+        """Return this row of the table."""
+        return Result(
+            set=self.set,
+            method=self.method,
+            n_frames=len(self.records),
+            scores=mean_scores([record.scores for record in self.records]),
+            spread=_spread(self.seed_means),
+            bands=_band_scores(self.bands),
+            reach_m=_mean_of(self.records, lambda record: record.reach_m),
+            gain_m=_mean_of(self.records, lambda record: record.gain_m),
+            gave_up=tuple(self.gave_up),
+            paper=paper_scores(self.set, self.method),
+        )
+
+
+def _mean(sets: Sequence[_SetRecords]) -> Result:
+    """Return the means of a method over the sets."""
+    rows = [item.result() for item in sets]
+    pooled = [item.bands for item in sets if item.bands]
+    return Result(
+        set=MEAN,
+        method=rows[0].method,
+        n_frames=sum(row.n_frames for row in rows),
+        scores=mean_scores([row.scores for row in rows]),
+        spread=_spread([mean_scores(scores) for scores in zip(*(item.seed_means for item in sets), strict=True)]),
+        bands=_band_scores(tuple(functools.reduce(operator.add, band) for band in zip(*pooled, strict=True))),
+        reach_m=_mean_of(rows, lambda row: row.reach_m),
+        gain_m=_mean_of(rows, lambda row: row.gain_m),
+        gave_up=tuple(f"{item.set}/{frame}" for item in sets for frame in item.gave_up),
+        paper=paper_mean([row.set for row in rows], rows[0].method),
+    )
+
+
+def _spread(seeds: Sequence[Scores]) -> Scores | None:
+    return spread_of_scores(seeds) if len(seeds) > 1 else None
+
+
+def _band_scores(bands: tuple[Counts, ...]) -> tuple[Scores | None, ...]:
+    """Return the scores of each band, None where it has no pixels."""
+    return tuple(band.scores if band.n_pixels else None for band in bands) or (None,) * len(DISTANCE_BANDS)
+
+
+def _mean_of(
+    rows: Sequence[MethodRecord] | Sequence[Result], value: Callable[[MethodRecord | Result], float | None]
+) -> float | None:
+    """Return the mean of a value over the rows that have it; None where none has."""
+    values = [number for number in map(value, rows) if number is not None]
+    return float(np.mean(values)) if values else None
+
+
+def _set_summary(item: NamedSet, records: Sequence[FrameRecord], unknown: str) -> SetSummary:
+    frames = [record for record in records if record.set == item.name]
+    return SetSummary(
+        name=item.name,
+        path=str(item.frames.path),
+        n_frames=len(frames),
+        errors=tuple(FrameError(record.frame, record.error) for record in frames if record.error),
+        n_without_truth=item.frames.n_without_truth,
+        unknown=unknown or item.frames.unknown_rule,
+    )

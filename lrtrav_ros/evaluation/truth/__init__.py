@@ -1,0 +1,1 @@
+"""Frames with ground truth, in every layout that is read."""

@@ -1,0 +1,150 @@
+"""Dataset folders, and rosbags with a folder of ground truth, as sets."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Collection, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lrtrav_ros.config import SourceConfig
+from lrtrav_ros.evaluation.truth.labelled_sets import FrameSource, LabelledFrame
+from lrtrav_ros.evaluation.truth.labels import Labels, decode_truth
+from lrtrav_ros.io.dataset_folder import FolderDataset, Frame
+from lrtrav_ros.io.encodings import read_image
+from lrtrav_ros.io.recording import FrameFile, open_sequence
+
+_FOLDERS = ("left", "right", "disparity", "depth", "calib", "gt")
+
+
+class LabelledFolder:
+    """A dataset folder with ``gt/NAME.png``.
+
+    Raises
+    ------
+    OSError, ValueError
+        If `FolderDataset` refuses it.
+    """
+
+    unknown_rule = "ignore"
+
+    def __init__(self, path: Path, *, labels: Labels, source: str) -> None:
+        self.path = path
+        self._dataset = FolderDataset(path, source=source)
+        self._labels = labels
+        self.names = sorted(file.stem for file in (path / "gt").glob("*.png"))
+        self._files: dict[str, list[Path]] = {}
+        for file in sorted(file for folder in _FOLDERS for file in (path / folder).glob("*")):
+            self._files.setdefault(file.stem, []).append(file)
+        self._opened_ns = time.time_ns()
+
+        self.n_without_truth = len(set(self._dataset.names) - set(self.names))
+
+    def files(self, name: str) -> list[Path]:
+        """Return the files that a frame may be read from."""
+        return [*self._files[name], self.path / "calib.json"]
+
+    def sources(self, names: Collection[str]) -> Iterator[FrameSource]:
+        """Yield the frames of these names."""
+        folder = self.path.absolute()
+        for name in sorted(names):
+            file = FrameFile(folder, self._dataset.source, name, self._opened_ns)
+            yield _FolderFrame(file, folder / "gt" / f"{name}.png", self._labels)
+
+
+@dataclass(frozen=True, slots=True)
+class _FolderFrame:
+    file: FrameFile
+    truth: Path
+    labels: Labels
+
+    @property
+    def name(self) -> str:
+        return self.file.name
+
+    def read(self) -> LabelledFrame:
+        return LabelledFrame(self.file.read(), read_truth(self.truth, self.labels))
+
+
+class LabelledBag:
+    """A rosbag whose frames have ground truth in a folder, NAME.png, named by their header stamps in nanoseconds.
+
+    Raises
+    ------
+    OSError, ValueError
+        If there is no such folder, or no image in it.
+    """
+
+    unknown_rule = "ignore"
+    n_without_truth = 0  # which frames there are, only reading it tells
+
+    def __init__(self, path: Path, *, truth: Path, labels: Labels, source: SourceConfig) -> None:
+        self.path = path
+        self._truth = {file.stem: file for file in truth.glob("*.png")}
+        self.names = sorted(self._truth)
+        if not self.names:
+            raise ValueError(f"{truth}: holds no ground truth for {path}; put NAME.png there, named by header stamps")
+        self._labels = labels
+        self._source = source
+
+    def files(self, name: str) -> list[Path]:
+        """Return the bag's files and that of the truth."""
+        bag = sorted(self.path.rglob("*")) if self.path.is_dir() else [self.path]
+        return [*bag, self._truth[name]]
+
+    def sources(self, names: Collection[str]) -> Iterator[FrameSource]:
+        """Yield the frames of these names; those that the bag does not hold fail when they are read."""
+        missing = dict.fromkeys(names, f"{self.path} has no such frame")
+        try:
+            with open_sequence(self.path, self._source) as sequence:
+                for item in sequence.items():
+                    if isinstance(item, Frame) and item.name in missing:
+                        del missing[item.name]
+                        yield _BagFrame(item, self._truth[item.name], self._labels)
+                    elif not isinstance(item, Frame) and item.name in missing:
+                        missing[item.name] = getattr(item, "problem", missing[item.name])
+        except ValueError as err:  # of a bag that breaks off
+            missing = dict.fromkeys(missing, str(err))
+        for name, problem in missing.items():
+            yield _MissingFrame(name, problem)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _BagFrame:
+    frame: Frame
+    truth: Path
+    labels: Labels
+
+    @property
+    def name(self) -> str:
+        return self.frame.name
+
+    def read(self) -> LabelledFrame:
+        return LabelledFrame(self.frame, read_truth(self.truth, self.labels))
+
+
+@dataclass(frozen=True, slots=True)
+class _MissingFrame:
+    name: str
+    problem: str
+
+    def read(self) -> LabelledFrame:
+        raise ValueError(self.problem)
+
+
+def read_truth(path: Path, labels: Labels) -> NDArray[np.uint8]:
+    """Read a ground-truth image: uint8 (H, W), 255 traversable, 0 not, 128 unknown.
+
+    Raises
+    ------
+    OSError, ValueError
+        If it cannot be read, or has other values than its labels; the message names the file.
+    """
+    image = read_image(path)
+    try:
+        return decode_truth(image, labels)
+    except ValueError as err:
+        raise ValueError(f"{path}: {err}") from err

@@ -1,0 +1,257 @@
+"""Frames in MATLAB files, such as the hand-labelled LAGR sets: a folder with ``NAME.mat``, one file a frame.
+
+A file holds arrays for the left image, the truth, and at least one of right image, disparity and depth. What they are
+called there is a setting, see `MatFields`; `describe` lists what a file holds. ``calib.json`` beside the files gives
+the camera, as in dataset folders.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import io
+import zlib
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.io import loadmat
+from scipy.io.matlab import MatReadError
+
+from lrtrav_ros.evaluation.truth.labelled_sets import FrameSource, LabelledFrame
+from lrtrav_ros.evaluation.truth.labels import Labels, decode_truth
+from lrtrav_ros.io.dataset_folder import SOURCES, Frame, read_camera
+from lrtrav_ros.io.encodings import as_8bit
+
+LAGR_LABELS = Labels(traversable=0, not_traversable=1, unknown=2)
+
+
+@dataclass(frozen=True, slots=True)
+class MatFields:
+    """How frames lie in a file: names of arrays (``STRUCT.FIELD`` for those in a struct), and how to read them.
+
+    The defaults of `image`, `truth` and `layout` are those of the LAGR files; those of `right`, `disparity` and `depth`
+    are placeholders.
+
+    Attributes
+    ----------
+    image, right
+        Left and right image, grey or RGB.
+    disparity
+        Disparity in pixels x `disparity_scale`; none where it is not positive or not finite.
+    depth
+        Depth in metres.
+    truth
+        Label of each pixel.
+    layout
+        ``columns``: arrays are (width, height[, 3]); ``rows``: (height, width[, 3]).
+    """
+
+    image: str = "im_rgb"
+    right: str = "im_rgb_right"
+    disparity: str = "im_disparity"
+    depth: str = "im_depth"
+    truth: str = "manual_human_labeling_mask"
+    layout: str = "columns"
+    disparity_scale: float = 1.0
+
+    def __post_init__(self) -> None:
+        if self.layout not in ("columns", "rows"):
+            raise ValueError(f"layout is {self.layout!r}; give columns or rows")
+        if not self.disparity_scale > 0:
+            raise ValueError(f"disparity_scale is {self.disparity_scale!r}; give a positive number")
+
+    @classmethod
+    def parsed(cls, settings: Sequence[tuple[str, str]]) -> MatFields:
+        """Return the defaults with the fields of `settings` replaced.
+
+        Raises
+        ------
+        ValueError
+            If a field is unknown or a value does not fit.
+        """
+        known = [item.name for item in dataclasses.fields(cls)]
+        values: dict[str, Any] = {}
+        for name, text in settings:
+            if name not in known:
+                raise ValueError(f"no field {name!r}; choose out of {', '.join(known)}")
+            try:
+                values[name] = float(text) if name == "disparity_scale" else text
+            except ValueError as err:
+                raise ValueError(f"{name} is {text!r}; give a number") from err
+        return cls(**values)
+
+
+class MatFolder:
+    """A folder of ``.mat`` files.
+
+    Raises
+    ------
+    FileNotFoundError
+        If there is no calibration.
+    """
+
+    unknown_rule = "not-traversable"
+
+    def __init__(self, path: Path, *, fields: MatFields, labels: Labels, source: str) -> None:
+        self.path = path
+        self.n_without_truth = 0
+        if not (path / "calib.json").exists():
+            raise FileNotFoundError(
+                f"{path / 'calib.json'}: there is no such calibration; "
+                "write one with fx, fy, cx, cy, baseline_m, width, height"
+            )
+        self.names = sorted(file.stem for file in path.glob("*.mat"))
+        self._reader = _Reader(path.absolute(), fields, labels, source)
+
+    def files(self, name: str) -> list[Path]:
+        """Return the files of a frame."""
+        return [self.path / f"{name}.mat", self.path / "calib.json"]
+
+    def sources(self, names: Collection[str]) -> Iterator[FrameSource]:
+        """Yield the frames of these names."""
+        for name in sorted(names):
+            yield _MatFrame(self._reader, name)
+
+
+@dataclass(frozen=True, slots=True)
+class _Reader:
+    folder: Path
+    fields: MatFields
+    labels: Labels
+    source: str
+
+    def read(self, name: str) -> LabelledFrame:
+        """Read a frame; raises OSError or ValueError that names the file."""
+        path = self.folder / f"{name}.mat"
+        arrays = read_arrays(path)
+        try:
+            return self._frame(name, arrays)
+        except ValueError as err:
+            raise ValueError(f"{path}: {err}") from err
+
+    def _frame(self, name: str, arrays: dict[str, NDArray[Any]]) -> LabelledFrame:
+        left = self._image(arrays, self.fields.image)
+        right = disparity = depth_m = None
+        found = self._input(arrays)
+        if found == "stereo":
+            right = self._image(arrays, self.fields.right)
+        elif found == "disparity":
+            disparity = _positive(self._array(arrays, self.fields.disparity)) / np.float32(self.fields.disparity_scale)
+        else:
+            depth_m = _positive(self._array(arrays, self.fields.depth))
+        for other in (right, disparity, depth_m):
+            if other is not None and other.shape[:2] != left.shape[:2]:
+                raise ValueError(f"{found} is {other.shape}, the left image {left.shape}; give arrays of one size")
+        camera = read_camera(self.folder / "calib.json", left.shape)
+        frame = Frame(name=name, left=left, camera=camera, right=right, disparity=disparity, depth_m=depth_m)
+        return LabelledFrame(frame, decode_truth(self._array(arrays, self.fields.truth), self.labels))
+
+    def _input(self, arrays: dict[str, NDArray[Any]]) -> str:
+        """Return what disparity is made from: the preferred source, or else the first that the file holds."""
+        fields = dict(zip(SOURCES, (self.fields.right, self.fields.disparity, self.fields.depth), strict=True))
+        for source in (self.source, *SOURCES):
+            if fields[source] in arrays:
+                return source
+        raise ValueError(
+            f"has none of right ({self.fields.right}), disparity ({self.fields.disparity}) and depth "
+            f"({self.fields.depth}), but {', '.join(arrays)}; say with --field what they are called"
+        )
+
+    def _array(self, arrays: dict[str, NDArray[Any]], field: str) -> NDArray[Any]:
+        if field not in arrays:
+            raise ValueError(f"has no array {field!r}, but {', '.join(arrays)}; say with --field what it is called")
+        array = arrays[field]
+        if array.ndim not in (2, 3) or array.dtype.kind not in "buif":
+            raise ValueError(f"{field} has shape {array.shape} and type {array.dtype}; give an image of numbers")
+        return np.ascontiguousarray(np.swapaxes(array, 0, 1) if self.fields.layout == "columns" else array)
+
+    def _image(self, arrays: dict[str, NDArray[Any]], field: str) -> NDArray[np.uint8]:
+        """Return an image as grey or BGR; one of floating point has values from 0 to 1 as in MATLAB."""
+        image = self._array(arrays, field)
+        if image.dtype.kind == "f":
+            image = np.rint(np.clip(np.nan_to_num(image), 0, 1) * 255).astype(np.uint8)
+        if image.dtype not in (np.uint8, np.uint16) or (image.ndim == 3 and image.shape[2] != 3):
+            raise ValueError(f"{field} has shape {image.shape} and type {image.dtype}; give a grey or an RGB image")
+        image = as_8bit(image)
+        return image if image.ndim == 2 else np.ascontiguousarray(image[..., ::-1])
+
+
+@dataclass(frozen=True, slots=True)
+class _MatFrame:
+    reader: _Reader
+    name: str
+
+    def read(self) -> LabelledFrame:
+        return self.reader.read(self.name)
+
+
+def read_arrays(path: Path) -> dict[str, NDArray[Any]]:
+    """Return the arrays of a file by name; those in a struct as ``STRUCT.FIELD``.
+
+    Raises
+    ------
+    OSError, ValueError
+        If it cannot be read.
+    """
+    data = io.BytesIO(path.read_bytes())
+    try:
+        content = loadmat(data)
+    except NotImplementedError as err:
+        raise ValueError(f"{path}: is a file of MATLAB 7.3; save it with the option -v7") from err
+    except (ValueError, TypeError, IndexError, KeyError, OSError, MemoryError, MatReadError, zlib.error) as err:
+        raise ValueError(f"{path}: cannot be read as a MATLAB file ({err})") from err
+    arrays: dict[str, NDArray[Any]] = {}
+    for name, value in content.items():
+        if not name.startswith("__"):
+            _flatten(name, np.asarray(value), arrays)
+    if not any(array.size for array in arrays.values()):  # older versions of SciPy read zeros as an empty file
+        raise ValueError(f"{path}: cannot be read as a MATLAB file (it holds no arrays)")
+    return arrays
+
+
+def _flatten(name: str, value: NDArray[Any], arrays: dict[str, NDArray[Any]]) -> None:
+    """Add an array, or those of a struct, by name."""
+    if value.dtype.names and value.size == 1:
+        for field in value.dtype.names:
+            _flatten(f"{name}.{field}", np.asarray(value.flat[0][field]), arrays)
+    else:
+        arrays[name] = value
+
+
+def describe(path: Path) -> list[str]:
+    """Return a line for each array of a file: name, shape, type, and its range or, where they are few, its values.
+
+    Raises
+    ------
+    OSError, ValueError
+        If it cannot be read.
+    """
+    arrays = read_arrays(path)
+    width = max(map(len, arrays), default=0)
+    return [
+        f"{name:{width}}  {' x '.join(map(str, array.shape)):16} {array.dtype!s:8} {_range(array)}".rstrip()
+        for name, array in arrays.items()
+    ]
+
+
+def _range(array: NDArray[Any]) -> str:
+    """Return the values of an array in a few words."""
+    if array.dtype.kind not in "buif" or not array.size:
+        return ""
+    finite = array[np.isfinite(array)]
+    gaps = "" if finite.size == array.size else f", {array.size - finite.size} not finite"
+    values = np.unique(finite)
+    if values.size <= 8:
+        return f"values {', '.join(f'{value:g}' for value in values)}{gaps}"
+    return f"{values[0]:g} .. {values[-1]:g}{gaps}"
+
+
+def _positive(values: NDArray[Any]) -> NDArray[np.float32]:
+    """Return an image as float32, 0 where it is not a positive number."""
+    if values.ndim != 2:
+        raise ValueError(f"disparity or depth has shape {values.shape}; give an image of one channel")
+    values = values.astype(np.float32)
+    return np.where(np.isfinite(values) & (values > 0), values, np.float32(0))

@@ -1,0 +1,99 @@
+"""Opening sets: which layout a path has, and the name that its results get."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from lrtrav_ros.config import SourceConfig
+from lrtrav_ros.evaluation.truth.folders_and_bags import LabelledBag, LabelledFolder
+from lrtrav_ros.evaluation.truth.kitti_road import KittiRoad
+from lrtrav_ros.evaluation.truth.labelled_sets import LabelledSet
+from lrtrav_ros.evaluation.truth.labels import Labels
+from lrtrav_ros.evaluation.truth.mat_files import LAGR_LABELS, MatFields, MatFolder
+
+
+@dataclass(frozen=True, slots=True)
+class ReaderOptions:
+    """How sets are read.
+
+    Attributes
+    ----------
+    truth
+        Folder with the ground truth of a rosbag; None for ``gt`` in the bag's folder, or beside the bag's file.
+    labels
+        Values of the truth; None for those of the layout.
+    fields
+        Where things are in ``.mat`` files.
+    """
+
+    source: SourceConfig = field(default_factory=SourceConfig)
+    truth: Path | None = None
+    labels: Labels | None = None
+    fields: MatFields = field(default_factory=MatFields)
+
+
+@dataclass(frozen=True, slots=True)
+class NamedSet:
+    """A set under the name that its results have."""
+
+    name: str
+    frames: LabelledSet
+
+
+def open_sets(paths: Sequence[Path], options: ReaderOptions) -> list[NamedSet]:
+    """Open sets, named by their folders.
+
+    Raises
+    ------
+    OSError, ValueError
+        If one cannot be read, or has no frame with truth.
+    """
+    return [NamedSet(name, open_set(path, options)) for name, path in zip(_names(paths), paths, strict=True)]
+
+
+def open_set(path: Path, options: ReaderOptions) -> LabelledSet:
+    """Open a set of whatever layout.
+
+    Raises
+    ------
+    OSError, ValueError
+        If it cannot be read, or has no frame with truth.
+    """
+    if not path.exists():
+        raise FileNotFoundError(f"{path}: there is no such folder or file")
+    opened = _opened(path, options)
+    if not opened.names:
+        raise ValueError(f"{path}: no frame has ground truth; there is nothing to compare with")
+    return opened
+
+
+def _opened(path: Path, options: ReaderOptions) -> LabelledSet:
+    source = options.source.source
+    if (path / "left").is_dir():
+        return LabelledFolder(path, labels=options.labels or Labels(), source=source)
+    if KittiRoad.is_at(path):
+        return KittiRoad(path)
+    if path.is_dir() and any(path.glob("*.mat")):
+        return MatFolder(path, fields=options.fields, labels=options.labels or LAGR_LABELS, source=source)
+    truth = options.truth or (path if path.is_dir() else path.parent) / "gt"
+    return LabelledBag(path, truth=truth, labels=options.labels or Labels(), source=options.source)
+
+
+def _names(paths: Sequence[Path]) -> list[str]:
+    """Return a name for each path: its last part, with the parts before it where that is not enough.
+
+    Raises
+    ------
+    ValueError
+        If two paths are the same.
+    """
+    parts = [Path(os.path.normpath(path.absolute())).parts[1:] for path in paths]
+    if len(set(parts)) < len(parts):
+        raise ValueError("a dataset is named twice; name each once")
+    n_parts = 1
+    while len({item[-n_parts:] for item in parts}) < len(parts):
+        n_parts += 1
+    return ["_".join(item[-n_parts:]) for item in parts]

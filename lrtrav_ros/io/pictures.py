@@ -1,0 +1,153 @@
+"""Pictures of results, for the eye: all are BGR uint8 (H, W, 3)."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from lrtrav_ros.method.ground import GROUND, OBSTACLE
+
+_SHORT_COLOUR = (60, 200, 60)
+_LONG_COLOUR = (220, 170, 40)
+_OBSTACLE_COLOUR = (60, 60, 230)
+_BORDER_COLOUR = (0, 230, 255)
+_IGNORED_COLOUR = (128, 128, 128)
+# Vermilion and blue, which can be told apart whatever colours one sees.
+_WRONG_COLOUR = (0, 94, 213)
+_MISSED_COLOUR = (210, 114, 0)
+
+
+def overlay(
+    left: NDArray[np.uint8], short_range: NDArray[np.uint8], long_range: NDArray[np.uint8]
+) -> NDArray[np.uint8]:
+    """Return the left image with short-range ground in green, its extension in blue and obstacles in red.
+
+    Parameters
+    ----------
+    left
+        BGR (H, W, 3) or grey (H, W).
+    short_range, long_range
+        Occupancy of either range, uint8 (H, W).
+    """
+    picture = colour_image(left)
+    _tint(picture, short_range == OBSTACLE, _OBSTACLE_COLOUR, 0.3)
+    _tint(picture, (long_range == GROUND) & (short_range != GROUND), _LONG_COLOUR, 0.5)
+    _tint(picture, (long_range == GROUND) & (short_range == GROUND), _SHORT_COLOUR, 0.5)
+    return picture
+
+
+def colour_image(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Return a copy of a BGR or grey image as BGR."""
+    return cv2.cvtColor(image, cv2.COLOR_GRAY2BGR) if image.ndim == 2 else image.copy()
+
+
+def superpixel_picture(left: NDArray[np.uint8], superpixels: NDArray[np.integer]) -> NDArray[np.uint8]:
+    """Return the left image with the borders of the superpixels."""
+    picture = colour_image(left)
+    border = np.zeros(superpixels.shape, np.bool_)
+    border[:, 1:] |= superpixels[:, 1:] != superpixels[:, :-1]
+    border[1:] |= superpixels[1:] != superpixels[:-1]
+    picture[border] = _BORDER_COLOUR
+    return picture
+
+
+def label_picture(labels: NDArray[np.integer]) -> NDArray[np.uint8]:
+    """Return each label in a colour of its own; neighbouring numbers differ clearly."""
+    hue = (np.arange(int(labels.max()) + 1) * 0.618034 % 1 * 180).astype(np.uint8)
+    hsv = np.stack([hue, np.full_like(hue, 150), np.full_like(hue, 230)], axis=-1)
+    return cv2.cvtColor(hsv[None], cv2.COLOR_HSV2BGR)[0][labels]
+
+
+def disparity_picture(disparity: NDArray[np.float32]) -> NDArray[np.uint8]:
+    """Return disparity from blue (far) to red (near); black where there is none."""
+    top = float(np.percentile(disparity, 99.5)) or 1.0
+    picture = cv2.applyColorMap((disparity / top * 255).clip(0, 255).astype(np.uint8), cv2.COLORMAP_TURBO)
+    picture[disparity <= 0] = 0
+    return picture
+
+
+def histogram_picture(histogram: NDArray[np.integer]) -> NDArray[np.uint8]:
+    """Return a u- or v-disparity; its counts are shown by their logarithm."""
+    logarithm = np.log1p(histogram.astype(np.float32))
+    return colour_image((logarithm / max(float(logarithm.max()), 1e-6) * 255).astype(np.uint8))
+
+
+def truth_picture(left: NDArray[np.uint8], truth: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Return the left image with what is traversable in green and what is ignored or unknown in grey.
+
+    `truth` is uint8 (H, W): 255 traversable, 0 not, 128 ignored.
+    """
+    picture = colour_image(left)
+    _tint(picture, truth == 255, _SHORT_COLOUR, 0.5)
+    _tint(picture, truth == 128, _IGNORED_COLOUR, 0.7)
+    return picture
+
+
+def error_picture(left: NDArray[np.uint8], mask: NDArray[np.uint8], truth: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Return the left image, pale, with what was found wrongly in vermilion, and what was missed in blue.
+
+    Parameters
+    ----------
+    mask
+        uint8 (H, W): 255 traversable, 0 not.
+    truth
+        uint8 (H, W): 255 traversable, 0 not, 128 ignored, which is grey.
+    """
+    gray = left if left.ndim == 2 else cv2.cvtColor(left, cv2.COLOR_BGR2GRAY)
+    picture = colour_image((gray // 2 + 110).astype(np.uint8))
+    found, traversable, counted = mask > 127, truth == 255, truth != 128
+    _tint(picture, ~counted, _IGNORED_COLOUR, 0.7)
+    _tint(picture, found & traversable, _SHORT_COLOUR, 0.25)
+    _tint(picture, found & ~traversable & counted, _WRONG_COLOUR, 0.8)
+    _tint(picture, ~found & traversable, _MISSED_COLOUR, 0.8)
+    return picture
+
+
+def stages_picture(
+    left: NDArray[np.uint8],
+    *,
+    short_range: NDArray[np.uint8],
+    superpixels: NDArray[np.integer],
+    clusters: NDArray[np.integer],
+    long_range: NDArray[np.uint8],
+    truth: NDArray[np.uint8],
+) -> NDArray[np.uint8]:
+    """Return the stages as in the paper's figure 1, and the truth, in two rows of three pictures.
+
+    Parameters
+    ----------
+    left
+        BGR (H, W, 3) or grey (H, W).
+    short_range, long_range
+        Occupancy of either range, uint8 (H, W).
+    superpixels, clusters
+        Labels of each pixel, (H, W).
+    truth
+        See `truth_picture`.
+    """
+    stages = [
+        ("left image", colour_image(left)),
+        ("short range", overlay(left, short_range, short_range)),
+        ("superpixels", superpixel_picture(left, superpixels)),
+        ("clusters", label_picture(clusters)),
+        ("long range", overlay(left, short_range, long_range)),
+        ("truth", truth_picture(left, truth)),
+    ]
+    titled = [_titled(picture, title) for title, picture in stages]
+    return np.vstack([np.hstack(titled[:3]), np.hstack(titled[3:])])
+
+
+def _titled(picture: NDArray[np.uint8], title: str) -> NDArray[np.uint8]:
+    picture = picture.copy()
+    font, scale = cv2.FONT_HERSHEY_SIMPLEX, 0.8
+    (width, height), _ = cv2.getTextSize(title, font, scale, 1)
+    cv2.rectangle(picture, (0, 0), (width + 20, height + 20), (0, 0, 0), cv2.FILLED)
+    cv2.putText(picture, title, (10, height + 10), font, scale, (255, 255, 255), 1, cv2.LINE_AA)
+    return picture
+
+
+def _tint(picture: NDArray[np.uint8], where: NDArray[np.bool_], colour: tuple[int, int, int], strength: float) -> None:
+    """Mix `colour` into a part of the picture, in place."""
+    mixed = picture[where] * (1 - strength) + np.array(colour) * strength
+    picture[where] = mixed.astype(np.uint8)

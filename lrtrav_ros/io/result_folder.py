@@ -1,0 +1,187 @@
+"""What an offline detection writes, and the folder that it writes to."""
+
+from __future__ import annotations
+
+import csv
+import dataclasses
+import math
+import os
+import shutil
+from collections.abc import Callable, Collection, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lrtrav_ros.camera import StereoCamera
+from lrtrav_ros.config import Config, dump_parameters
+from lrtrav_ros.detector import Detection, StageTimes
+from lrtrav_ros.io import pictures
+from lrtrav_ros.io.encodings import encode_file, scaled_disparity, write_bytes
+from lrtrav_ros.method.features import to_gray, weber_descriptor
+from lrtrav_ros.method.ground import NO_GROUND
+
+# What --save can add, each in a folder of its name.
+EXTRAS: dict[str, Callable[[Detection], NDArray[Any]]] = {
+    "disparity": lambda detection: scaled_disparity(detection.disparity),
+    "superpixels": lambda detection: detection.long_range.superpixels.astype(np.uint16),
+    "clusters": lambda detection: detection.long_range.clusters.astype(np.uint16),
+    "occupancy": lambda detection: detection.long_range.occupancy,
+    "u_disparity": lambda detection: pictures.histogram_picture(detection.short_range.u_disparity),
+    "v_disparity": lambda detection: pictures.histogram_picture(detection.short_range.v_disparity),
+    "obstacle_disparity": lambda detection: pictures.disparity_picture(detection.short_range.obstacle_disparity),
+    "wld": lambda detection: weber_descriptor(to_gray(detection.left)),
+}
+
+_GROUND_COLUMNS = ("slope", "intercept", "tilt", "horizon_row", "camera_height_m", "pitch_deg", "roll_deg")
+_COLUMNS = (
+    "name",
+    *(field.name for field in dataclasses.fields(StageTimes)),
+    *_GROUND_COLUMNS,
+    "n_superpixels",
+    "n_clusters",
+    "problem",
+)
+
+
+@dataclass(frozen=True, slots=True)
+class FrameResult:
+    """What is written of a frame.
+
+    Attributes
+    ----------
+    row
+        Its row of ``frames.csv``, by column.
+    files
+        Content of its files by their paths in the output folder; none where the frame could not be used.
+    """
+
+    row: dict[str, str]
+    files: dict[str, bytes]
+
+    @property
+    def name(self) -> str:
+        """The frame's name."""
+        return self.row["name"]
+
+    @property
+    def problem(self) -> str:
+        """Why the frame could not be used, or what was not found in it; empty where all went well."""
+        return self.row.get("problem", "")
+
+
+def frame_result(name: str, detection: Detection, camera: StereoCamera, *, extras: Collection[str] = ()) -> FrameResult:
+    """Return what is written of all that was found in a frame; `extras` are names out of `EXTRAS`."""
+    short, long = detection.short_range, detection.long_range
+    images = {
+        f"short_range/{name}.png": short.mask,
+        f"long_range/{name}.png": long.mask,
+        f"overlay/{name}.jpg": pictures.overlay(detection.left, short.occupancy, long.occupancy),
+        **{f"{extra}/{name}.png": EXTRAS[extra](detection) for extra in extras},
+    }
+    return FrameResult(
+        _row(name, detection, camera), {path: encode_file(path, image) for path, image in images.items()}
+    )
+
+
+def unusable_frame(name: str, problem: str) -> FrameResult:
+    """Return what is written of a frame that could not be used: its name, and why."""
+    return FrameResult({"name": name, "problem": problem}, {})
+
+
+def checked_extras(names: Collection[str]) -> tuple[str, ...]:
+    """Return the names; raises ValueError if one is not in `EXTRAS`."""
+    unknown = sorted(set(names) - set(EXTRAS))
+    if unknown:
+        raise ValueError(f"cannot save {unknown[0]!r}; choose out of {', '.join(EXTRAS)}")
+    return tuple(names)
+
+
+class ResultFolder:
+    """Writes masks, pictures, ``frames.csv`` and ``config.yaml`` of a run; every file appears whole or not at all.
+
+    Parameters
+    ----------
+    path
+        Folder to make; an empty one may be there.
+    config
+        The run's settings, for ``config.yaml``.
+    """
+
+    def __init__(self, path: Path, config: Config) -> None:
+        self.path = path
+        path.mkdir(parents=True, exist_ok=True)
+        write_bytes(path / "config.yaml", dump_parameters(config).encode())
+        self._table = (path / "frames.csv").open("w", newline="", encoding="utf-8", buffering=1)
+        self._rows = csv.DictWriter(self._table, _COLUMNS)
+        self._rows.writeheader()
+
+    def __enter__(self) -> ResultFolder:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, err: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._table.close()
+
+    def write(self, result: FrameResult) -> None:
+        """Write a frame's files and row."""
+        for path, data in result.files.items():
+            write_bytes(self.path / path, data)
+        self._rows.writerow(result.row)
+
+
+def _row(name: str, detection: Detection, camera: StereoCamera) -> dict[str, str]:
+    row: dict[str, object] = {"name": name}
+    row.update({key: f"{value:.2f}" for key, value in dataclasses.asdict(detection.times).items()})
+    line = detection.short_range.line
+    if line is None:
+        row["problem"] = NO_GROUND
+    else:
+        values = (
+            line.slope,
+            line.intercept,
+            line.tilt,
+            line.horizon_row(camera.cx),
+            line.camera_height_m(camera),
+            math.degrees(line.pitch_rad(camera)),
+            math.degrees(line.roll_rad(camera)),
+        )
+        row.update({key: f"{value:.5g}" for key, value in zip(_GROUND_COLUMNS, values, strict=True)})
+    row["n_superpixels"] = int(detection.long_range.superpixels.max()) + 1
+    row["n_clusters"] = int(detection.long_range.superpixel_clusters.max()) + 1
+    return {key: str(value) for key, value in row.items()}
+
+
+@contextmanager
+def output_folder(path: Path, *, overwrite: bool = False) -> Iterator[Path]:
+    """Yield the folder to write to, so that a finished result is never lost to an unfinished one.
+
+    A new or empty folder is written to as it is. One that holds something is only replaced with `overwrite`, and only
+    when the new one is finished.
+
+    Raises
+    ------
+    FileExistsError
+        If there is something at `path` and `overwrite` is not set.
+    """
+    path = path.resolve()  # what a link points to is replaced, not the link
+    if not path.exists() or (path.is_dir() and not any(path.iterdir())):
+        yield path
+        return
+    if not overwrite or not path.is_dir():
+        raise FileExistsError(f"{path} exists and is not an empty folder; choose another or give --overwrite")
+    new = path.with_name(f".{path.name}.{os.getpid()}.new")
+    try:
+        yield new
+        old = path.with_name(f".{path.name}.{os.getpid()}.old")
+        path.rename(old)
+        new.rename(path)
+        shutil.rmtree(old)
+    finally:
+        if new.exists():
+            shutil.rmtree(new)

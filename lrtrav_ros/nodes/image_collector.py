@@ -1,0 +1,74 @@
+"""Collects the images that nodes publish, by the stamp that they share."""
+
+from __future__ import annotations
+
+import time
+from collections import defaultdict
+from collections.abc import Callable, Sequence
+from functools import partial
+from types import TracebackType
+from typing import Any
+
+import rclpy
+from numpy.typing import NDArray
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.qos import QoSProfile
+from sensor_msgs.msg import Image
+
+from lrtrav_ros.io.encodings import decode_message
+from lrtrav_ros.nodes.messages import stamp_ns
+from lrtrav_ros.nodes.shared_memory import use_large_segment
+
+_QUEUE_DEPTH = 50
+
+
+class Collector:
+    """A node that keeps every image of some topics; to be used in a ``with`` block, alone in its process.
+
+    Attributes
+    ----------
+    images : dict of int to dict of str to ndarray
+        The images of each stamp in nanoseconds, by topic.
+    """
+
+    def __init__(self, topics: Sequence[str], *, namespace: str) -> None:
+        use_large_segment()
+        rclpy.init(args=[])
+        self.images: dict[int, dict[str, NDArray[Any]]] = defaultdict(dict)
+        self._node = rclpy.create_node("collector", namespace=namespace)
+        self._topics = topics
+        qos = QoSProfile(depth=_QUEUE_DEPTH)
+        for topic in topics:
+            self._node.create_subscription(Image, topic, partial(self._take, topic), qos)
+        self._executor = SingleThreadedExecutor()
+        self._executor.add_node(self._node)
+
+    def __enter__(self) -> Collector:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, err: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._executor.shutdown()
+        self._node.destroy_node()
+        rclpy.try_shutdown()
+
+    def n_complete(self) -> int:
+        """Number of stamps that an image of every topic has come for."""
+        return sum(len(images) == len(self._topics) for images in self.images.values())
+
+    def publishers_are_there(self) -> bool:
+        """Whether somebody publishes each of the topics."""
+        return all(self._node.count_publishers(topic) > 0 for topic in self._topics)
+
+    def spin_until(self, done: Callable[[], bool], *, timeout_s: float) -> bool:
+        """Take images until `done` or the time is up; return whether it is done."""
+        deadline = time.monotonic() + timeout_s
+        while not done():
+            if time.monotonic() > deadline:
+                return False
+            self._executor.spin_once(timeout_sec=0.05)
+        return True
+
+    def _take(self, topic: str, message: Image) -> None:
+        self.images[stamp_ns(message)][topic] = decode_message(message)

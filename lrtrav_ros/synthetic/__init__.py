@@ -1,0 +1,1 @@
+"""Synthetic stereo sequences with exact disparity and ground truth."""

@@ -1,0 +1,153 @@
+"""Tests of the command line: help, errors, exit statuses and the options that all share."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from lrtrav_ros.commands import (
+    COMMANDS,
+    detect,
+    evaluate,
+    generate,
+    run,
+    run_lrtrav,
+)
+from lrtrav_ros.commands.options import add_detection_options, config_from
+from lrtrav_ros.config import Config, parameters
+from lrtrav_ros.evaluation.scoring.methods import METHODS
+from lrtrav_ros.io.bag_frames import FORMATS
+from lrtrav_ros.io.result_folder import EXTRAS
+
+
+def parsed(*arguments: str) -> argparse.Namespace:
+    parser = argparse.ArgumentParser()
+    add_detection_options(parser)
+    return parser.parse_args(arguments)
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_every_command_has_help(command: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as ended:
+        run(command, ["--help"])
+    assert ended.value.code == 0
+    assert capsys.readouterr().out.startswith(f"usage: {command}")
+
+
+def test_help_imports_nothing_heavy() -> None:
+    code = f"""
+import sys
+from lrtrav_ros.commands import run
+for name in {list(COMMANDS)}:
+    try:
+        run(name, ["--help"])
+    except SystemExit:
+        pass
+print("heavy:", sorted(set(sys.modules) & {{"numpy", "numba", "cv2", "scipy", "rclpy", "rosbags"}}))
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines()[-1] == "heavy: []"
+
+
+def test_help_of_lrtrav_lists_every_command(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        run_lrtrav(["--help"])
+    listed = {line.split()[0] for line in capsys.readouterr().out.splitlines() if line.startswith("  ")}
+    assert set(COMMANDS) <= listed
+
+
+def test_help_of_detect_names_every_parameter(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        run("detect", ["--help"])
+    text = capsys.readouterr().out
+    assert [item.name for item in parameters() if f"  {item.name}={item.default}  " not in text] == []
+
+
+def test_help_names_what_the_modules_hold_that_it_does_not_import() -> None:
+    assert ", ".join(EXTRAS) == detect._EXTRAS
+    assert ", ".join(METHODS) == evaluate._METHODS
+    assert generate.BAG_FORMATS == FORMATS
+
+
+@pytest.mark.parametrize("arguments", [[], ["fly"], ["detect"], ["detect", "x"], ["generate", "x", "--frames", "many"]])
+def test_wrong_usage_exits_with_2(arguments: list[str]) -> None:
+    with pytest.raises(SystemExit) as ended:
+        run_lrtrav(arguments)
+    assert ended.value.code == 2
+
+
+def test_failure_is_one_line_on_standard_error_and_exits_with_1(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run_lrtrav(["detect", str(tmp_path / "none"), "--output", str(tmp_path / "out")]) == 1
+    printed = capsys.readouterr()
+    assert printed.err.startswith("lrtrav detect: ")
+    assert str(tmp_path / "none") in printed.err
+    assert printed.err.count("\n") == 1
+
+
+def test_package_runs_as_a_module() -> None:
+    done = subprocess.run([sys.executable, "-m", "lrtrav_ros", "--help"], capture_output=True, text=True, check=True)
+    assert done.stdout.startswith("usage: lrtrav")
+
+
+def test_options_start_from_the_preset_and_set_wins_over_params(tmp_path: Path) -> None:
+    params = tmp_path / "params.yaml"
+    params.write_text("/**: {ros__parameters: {stereo: {matcher: bm}, threads: 2}}")
+    config = config_from(parsed("--preset", "paper", "--params", str(params), "--set", "threads=3"))
+    assert config == Config.preset("paper").updated({"stereo.matcher": "bm", "threads": 3})
+
+
+@pytest.mark.parametrize(
+    ("setting", "message"),
+    [
+        ("threads", "write STAGE.FIELD=VALUE"),
+        ("thread=3", "did you mean threads"),
+        ("threads=many", "threads is 'many'; give int"),
+    ],
+)
+def test_bad_settings(setting: str, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        config_from(parsed("--set", setting))
+
+
+def test_benchmark_prints_every_stage_and_writes_json(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = tmp_path / "figures.json"
+    arguments = ["--size", "160x120", "--frames", "1", "--rounds", "2", "--set", "stereo.matcher=sgbm"]
+    assert run("benchmark", [*arguments, "--json", str(file)]) == 0
+    figures = json.loads(file.read_text())
+    stages = ["matching", "ground", "superpixels", "features", "clustering", "extension"]
+    assert list(figures["median_ms"]) == stages
+    assert all(value > 0 for value in figures["median_ms"].values())
+    assert figures["after_matching_ms"] == pytest.approx(
+        sum(figures["median_ms"][name] for name in stages[1:]), rel=0.5
+    )
+    printed = capsys.readouterr().out
+    assert all(name in printed for name in (*stages, "StereoSGBM", "frames/s"))
+
+
+@pytest.mark.parametrize("option", ["--frames", "--rounds"])
+def test_benchmark_of_nothing_is_refused(option: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run("benchmark", [option, "0"]) == 1
+    assert "give numbers of at least 1" in capsys.readouterr().err
+
+
+def test_demo_shows_all_of_it(tmp_path: Path) -> None:
+    output = tmp_path / "demo"
+    command = [sys.executable, "-m", "lrtrav_ros", "demo", "--output", str(output), "--frames", "4", "--rate", "0.2"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+    assert done.returncode == 0, done.stderr
+    assert "4 of 4 frames detected" in done.stdout
+    rows = {line.split()[0]: line.split()[1:] for line in done.stdout.splitlines() if "_range " in line}
+    precision, recall, _ = map(float, rows["long_range"])
+    assert precision > 0.9
+    assert recall > float(rows["short_range"][1])
+    assert len(list((output / "long_range").glob("*.png"))) == 4
+    assert (output / "overlay.mp4").stat().st_size > 10_000
+    assert (output / "stages.jpg").stat().st_size > 10_000
+    assert (output / "bag").is_dir()

@@ -1,0 +1,318 @@
+"""Tests of `evaluate`, through the command: what it writes, how it resumes, and what it does with frames that fail."""
+
+import csv
+import json
+import subprocess
+import sys
+
+import cluster as clusters
+import numpy as np
+import pytest
+from recorded import FAST, N_FRAMES, frames, rendered, write_dataset
+from test_opening import write_lagr
+
+from lrtrav_ros.commands import run
+from lrtrav_ros.config import Config, load_parameters
+from lrtrav_ros.evaluation.scoring import evaluation_folder as runs
+from lrtrav_ros.evaluation.scoring.score_records import MEAN, PaperScores, Summary, from_json
+from lrtrav_ros.evaluation.scoring.scores import score
+from lrtrav_ros.io.encodings import read_image, write_image
+
+METHODS = "uv_disparity,random_centres,robust"
+TIMED = ("times", "times.csv", "report.html")  # the same in no two runs
+
+
+def evaluate(*datasets, output, options=()):
+    return run("evaluate", [*map(str, datasets), "--output", str(output), *FAST, *options])
+
+
+def usual(*options):
+    return ("--methods", METHODS, "--seeds", "2", *options)
+
+
+@pytest.fixture(scope="module")
+def dataset(tmp_path_factory):
+    """Four frames with truth; not to be changed."""
+    return write_dataset(tmp_path_factory.mktemp("input") / "road", frames(), truth=True)
+
+
+@pytest.fixture
+def broken(tmp_path):
+    """Four frames with truth, to be damaged."""
+    return write_dataset(tmp_path / "broken", frames(), truth=True)
+
+
+@pytest.fixture(scope="module")
+def evaluated(dataset, tmp_path_factory):
+    """The output of an undisturbed run."""
+    output = tmp_path_factory.mktemp("evaluated") / "out"
+    assert evaluate(dataset, output=output, options=usual("--save-masks")) == 0
+    return output
+
+
+def contents(output):
+    """Return the bytes of all files but those that hold measured times."""
+    return {
+        str(path.relative_to(output)): path.read_bytes()
+        for path in sorted(output.rglob("*"))
+        if path.is_file() and path.relative_to(output).parts[0] not in TIMED
+    }
+
+
+def rows(output, name="scores.csv"):
+    with (output / name).open(newline="", encoding="utf-8") as table:
+        return list(csv.DictReader(table))
+
+
+def summary_of(output):
+    return from_json(Summary, (output / "summary.json").read_text(encoding="utf-8"))
+
+
+def test_scores_have_a_row_for_each_frame_and_method_and_are_those_of_the_masks(evaluated):
+    table = rows(evaluated)
+    assert list(table[0])[:6] == ["set", "frame", "method", "precision", "recall", "rmse"]
+    assert len(table) == 3 * N_FRAMES
+    for row in table:
+        if row["method"] != "random_centres":
+            truth = next(item.truth for item in rendered() if item.frame.name == row["frame"])
+            mask = read_image(evaluated / "masks" / "road" / row["method"] / f"{row['frame']}.png")
+            expected = score(mask, truth)
+            found = [float(row[name]) for name in ("precision", "recall", "rmse")]
+            assert found == pytest.approx([expected.precision, expected.recall, expected.rmse], abs=1e-6)
+
+
+def test_summary_has_the_means_of_the_rows(evaluated):
+    summary = summary_of(evaluated)
+    assert [(result.set, result.method) for result in summary.results] == [
+        ("road", name) for name in METHODS.split(",")
+    ]
+    for result in summary.results:
+        of_method = [row for row in rows(evaluated) if row["method"] == result.method]
+        assert result.scores.rmse == pytest.approx(np.mean([float(row["rmse"]) for row in of_method]), abs=1e-6)
+        assert result.reach_m == pytest.approx(np.mean([float(row["reach_m"]) for row in of_method]), abs=0.01)
+        assert (result.spread is not None) == (result.method == "random_centres")
+        assert (result.n_frames, result.gave_up, result.paper) == (N_FRAMES, (), None)
+    assert summary.results[0].gain_m == 0.0
+    assert summary.seeds == (0, 1)
+    assert summary.means[2].scores == summary.results[2].scores
+    assert summary.means[2].set == MEAN
+
+
+def test_every_method_has_its_configuration_that_detect_takes(dataset, evaluated, tmp_path):
+    path = evaluated / "configs" / "robust.yaml"
+    values = {"stereo.n_disparities": 64, "superpixels.n_superpixels": 60}
+    assert Config().updated(load_parameters(path)) == Config().updated(values)
+    assert run("detect", [str(dataset), "--params", str(path), "--output", str(tmp_path / "detected")]) == 0
+    for name in (frame.name for frame in frames()):
+        mask = read_image(evaluated / "masks" / "road" / "robust" / f"{name}.png")
+        assert np.array_equal(mask, read_image(tmp_path / "detected" / "long_range" / f"{name}.png"))
+
+
+def test_times_are_in_files_of_their_own(evaluated):
+    table = rows(evaluated, "times.csv")
+    assert len(table) == 3 * N_FRAMES
+    assert all(float(row["matching_ms"]) > 0 for row in table)
+    assert not any("_ms" in text.decode() for name, text in contents(evaluated).items() if name.endswith("json"))
+
+
+def test_report_is_written(evaluated):
+    text = (evaluated / "report.html").read_text(encoding="utf-8")
+    assert "random_centres" in text
+    assert frames()[0].name in text
+
+
+def test_table_is_printed(dataset, evaluated, capsys):
+    assert evaluate(dataset, output=evaluated, options=usual("--save-masks")) == 0
+    printed = capsys.readouterr()
+    assert f"{N_FRAMES} frames were finished before" in printed.err
+    line = next(line for line in printed.out.splitlines() if line.startswith("road  robust"))
+    scores = summary_of(evaluated).results[2].scores
+    assert line.split()[2:6] == [str(N_FRAMES), f"{scores.precision:.4f}", f"{scores.recall:.4f}", f"{scores.rmse:.4f}"]
+
+
+def test_files_do_not_depend_on_the_number_of_processes(dataset, evaluated, tmp_path):
+    assert evaluate(dataset, output=tmp_path / "out", options=usual("--save-masks", "--jobs", "2")) == 0
+    assert contents(tmp_path / "out") == contents(evaluated)
+
+
+def test_interrupted_run_goes_on_and_ends_with_the_same_files(dataset, evaluated, tmp_path, monkeypatch):
+    output, real, done = tmp_path / "out", runs.evaluate_frame, []
+
+    def interrupted(task):
+        if len(done) == 2:
+            raise KeyboardInterrupt
+        done.append(task.source.name)
+        return real(task)
+
+    monkeypatch.setattr(runs, "evaluate_frame", interrupted)
+    assert evaluate(dataset, output=output, options=usual("--save-masks")) == 130
+    assert not (output / "scores.csv").exists()
+    (output / "records" / "road" / ".frame.json.1.tmp").write_text("{")  # as a killed process leaves it
+    first = list(done)
+    done.clear()
+    assert evaluate(dataset, output=output, options=usual("--save-masks")) == 0
+    assert sorted(first + done) == sorted(frame.name for frame in frames())
+    assert contents(output) == contents(evaluated)
+
+
+def test_cluster_gives_the_same_files_though_a_worker_dies(dataset, evaluated, tmp_path, monkeypatch):
+    output, write = tmp_path / "out", runs.RunFolder.write
+    with clusters.cluster(tmp_path) as (address, workers):
+
+        def write_and_kill(folder, outcome):
+            workers[0].kill()
+            write(folder, outcome)
+
+        monkeypatch.setattr(runs.RunFolder, "write", write_and_kill)
+        assert evaluate(dataset, output=output, options=usual("--save-masks", "--cluster", address)) == 0
+    assert contents(output) == contents(evaluated)
+
+
+def test_killed_process_is_gone_on_with(dataset, evaluated, tmp_path):
+    output = tmp_path / "out"
+    command = [sys.executable, "-m", "lrtrav_ros", "evaluate", dataset, "--output", output, *FAST]
+    with subprocess.Popen(list(map(str, [*command, *usual("--save-masks")])), stdout=subprocess.DEVNULL) as process:
+        clusters.until(lambda: process.poll() is not None or any(output.glob("records/road/*.json")))
+        process.kill()
+    assert evaluate(dataset, output=output, options=usual("--save-masks")) == 0
+    assert contents(output) == contents(evaluated)
+
+
+def test_changed_configuration_starts_afresh(broken, tmp_path, capsys):
+    output = tmp_path / "out"
+    assert evaluate(broken, output=output, options=("--methods", "robust", "--save-masks")) == 0
+    assert evaluate(broken, output=output, options=("--methods", "uv_disparity")) == 0
+    assert "the configuration has changed; starting afresh" in capsys.readouterr().err
+    assert {row["method"] for row in rows(output)} == {"uv_disparity"}
+    assert not (output / "masks").exists()
+
+
+def test_changed_frame_is_computed_again(broken, tmp_path, capsys):
+    output, name = tmp_path / "out", frames()[1].name
+    assert evaluate(broken, output=output, options=("--methods", "uv_disparity")) == 0
+    write_image(broken / "gt" / f"{name}.png", np.zeros_like(rendered()[1].truth))
+    assert evaluate(broken, output=output, options=("--methods", "uv_disparity")) == 0
+    assert f"{N_FRAMES - 1} frames were finished before" in capsys.readouterr().err
+    assert next(row["precision"] for row in rows(output) if row["frame"] == name) == "0.000000"
+
+
+def test_frame_that_fails_does_not_end_the_run_and_is_tried_again(broken, tmp_path, capsys):
+    output, name = tmp_path / "out", frames()[2].name
+    path = broken / "right" / f"{name}.png"
+    whole = path.read_bytes()
+    path.write_bytes(whole[: len(whole) // 2])
+    assert evaluate(broken, output=output, options=("--methods", "uv_disparity")) == 0
+    (failed,) = summary_of(output).sets[0].errors
+    assert failed.frame == name
+    assert f"broken/{name}: {failed.error}" in capsys.readouterr().err
+    (row,) = [row for row in rows(output) if row["frame"] == name]
+    assert (row["rmse"], row["problem"]) == ("", failed.error)
+    assert summary_of(output).results[0].n_frames == N_FRAMES - 1
+    path.write_bytes(whole)
+    assert evaluate(broken, output=output, options=("--methods", "uv_disparity")) == 0
+    assert not summary_of(output).sets[0].errors
+
+
+def test_all_frames_failing_is_a_failure(broken, tmp_path, capsys):
+    for path in broken.glob("right/*"):
+        path.unlink()
+        path.write_bytes(b"")
+    assert evaluate(broken, output=tmp_path / "out", options=("--methods", "uv_disparity")) == 1
+    assert len(summary_of(tmp_path / "out").sets[0].errors) == N_FRAMES
+
+
+def test_frame_without_ground_is_named_and_scored(broken, tmp_path, capsys):
+    name = frames()[0].name
+    for side in ("left", "right"):
+        write_image(broken / side / f"{name}.png", np.full_like(frames()[0].left, 90))
+    assert evaluate(broken, output=tmp_path / "out", options=("--methods", "uv_disparity,proposed")) == 0
+    assert f"broken, proposed: no ground line found in {name}" in capsys.readouterr().err
+    (row, _) = [row for row in rows(tmp_path / "out") if row["frame"] == name]
+    assert (row["precision"], row["recall"], row["reach_m"]) == ("0.000000", "0.000000", "")
+    assert row["problem"] == "no ground line found"
+    result = summary_of(tmp_path / "out").results[0]
+    assert (result.n_frames, result.gave_up) == (N_FRAMES, (name,))
+
+
+def test_unknown_pixels_follow_the_flag(broken, tmp_path):
+    name = frames()[0].name
+    write_image(broken / "gt" / f"{name}.png", np.where(rendered()[0].truth == 0, 128, 255).astype(np.uint8))
+    precision = {}
+    for rule in ("ignore", "not-traversable"):
+        options = ("--methods", "uv_disparity", "--unknown", rule)
+        assert evaluate(broken, output=tmp_path / rule, options=options) == 0
+        precision[rule] = float(next(row["precision"] for row in rows(tmp_path / rule) if row["frame"] == name))
+        assert summary_of(tmp_path / rule).sets[0].unknown == rule
+    assert precision["ignore"] == 1.0
+    assert precision["not-traversable"] < 1.0
+
+
+def test_lagr_set_has_the_papers_row_beside_it(tmp_path, capsys):
+    folder = write_lagr(tmp_path / "labeled_DS1A")
+    assert evaluate(folder, output=tmp_path / "out", options=("--methods", "proposed,robust")) == 0
+    results = summary_of(tmp_path / "out").results
+    assert [result.paper for result in results] == [PaperScores(rmse=0.2521), None]
+    out = capsys.readouterr().out
+    assert "the paper" in out
+    assert next(line for line in out.splitlines() if "proposed" in line).endswith("- - 0.2521")
+
+
+def test_six_lagr_sets_have_the_papers_means_beside_them(tmp_path):
+    names = ("DS1A", "DS1B", "DS2A", "DS2B", "DS3A", "DS3B")
+    sets = [write_dataset(tmp_path / name, frames(n=1), truth=True) for name in names]
+    assert evaluate(*sets, output=tmp_path / "out", options=("--methods", "proposed,near_to_far")) == 0
+    proposed, near_to_far = summary_of(tmp_path / "out").means
+    assert proposed.paper == PaperScores(rmse=0.2692, precision=0.9452, recall=0.9011)
+    assert near_to_far.paper == PaperScores(rmse=0.273)
+    assert [result.paper.rmse for result in summary_of(tmp_path / "out").results if result.paper] == [
+        0.2521,
+        0.2347,
+        0.2662,
+        0.2856,
+        0.2545,
+        0.3224,
+    ]
+
+
+def test_study_prints_the_comparison(broken, tmp_path, capsys):
+    assert evaluate(broken, output=tmp_path / "out", options=("--study", "texture")) == 0
+    out = capsys.readouterr().out
+    for texture in ("wld", "lbp", "cs_lbp", "ltp", "homogeneity"):
+        assert f"proposed-{texture} " in out
+        assert f"features.texture: {texture}\n" in (tmp_path / "out/configs" / f"proposed-{texture}.yaml").read_text()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "status", "message"),
+    [
+        ([], 2, "give at least one DATASET"),
+        (["DATASET"], 2, "--output DIR"),
+        (["DATASET", "--output", "OUT", "--methods", "best"], 1, "no method 'best'"),
+        (["DATASET", "--output", "OUT", "--seeds", "0"], 1, "seeds is 0"),
+        (["DATASET", "--output", "OUT", "--labels", "1,1,2"], 1, "three different values"),
+        (["DATASET", "--output", "OUT", "--field", "image"], 1, "write FIELD=NAME"),
+        (["DATASET", "--output", "DATASET"], 1, "exists and is no evaluation"),
+        (["OUT", "--output", "OUT"], 1, "there is no such folder"),
+        (["--inspect", "OUT"], 1, "No such file"),
+    ],
+)
+def test_wrong_use_is_one_line(dataset, tmp_path, capsys, arguments, status, message):
+    places = {"DATASET": str(dataset), "OUT": str(tmp_path / "out")}
+    assert run("evaluate", [places.get(argument, argument) for argument in arguments]) == status
+    lines = capsys.readouterr().err.splitlines()
+    assert len(lines) == 1
+    assert message in lines[0]
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("option", [["--labels", "1,2"], ["--unknown", "maybe"], ["--study", "colour"]])
+def test_wrong_option_is_wrong_usage(dataset, option, capsys):
+    with pytest.raises(SystemExit, match="2"):
+        run("evaluate", [str(dataset), *option])
+    assert option[1] in capsys.readouterr().err
+
+
+def test_summary_is_plain_json(evaluated):
+    content = json.loads((evaluated / "summary.json").read_text(encoding="utf-8"))
+    assert content["results"][0]["scores"]["precision"] > 0.5
+    assert content["methods"][0]["configuration"]["stereo.n_disparities"] == 64

@@ -1,0 +1,222 @@
+"""Tests of dataset folders: what is written is read, and what is wrong is named."""
+
+import dataclasses
+import json
+
+import numpy as np
+import pytest
+
+from lrtrav_ros.camera import StereoCamera
+from lrtrav_ros.io.dataset_folder import FolderDataset, Frame, write_calibration, write_frame
+from lrtrav_ros.io.encodings import write_image
+
+HEIGHT, WIDTH = 24, 37
+CAMERA = StereoCamera(fx=50.5, fy=51.0, cx=18.25, cy=11.5, baseline_m=0.12)
+
+
+def make_frame(name, **inputs):
+    """Return a frame with a left image of its own."""
+    random = np.random.default_rng(sum(map(ord, name)))
+    left, right = random.integers(0, 256, (2, HEIGHT, WIDTH, 3), np.uint8)
+    return Frame(name=name, left=left, camera=CAMERA, **(inputs or {"right": right}))
+
+
+@pytest.fixture
+def depth():
+    return np.random.default_rng(5).integers(0, 5000, (HEIGHT, WIDTH)).astype(np.float32) / 256
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """A folder of three stereo frames; the second one has ground truth."""
+    for name in ("b", "a", "c"):
+        write_frame(tmp_path, make_frame(name), truth() if name == "b" else None)
+    write_calibration(tmp_path, CAMERA, WIDTH, HEIGHT)
+    return tmp_path
+
+
+def truth():
+    values = np.full((HEIGHT, WIDTH), 128, np.uint8)
+    values[15:, :20] = 255
+    values[:5] = 0
+    return values
+
+
+def change_calibration(folder, **values):
+    """Replace values of the calibration; None removes one."""
+    path = folder / "calib.json"
+    content = {**json.loads(path.read_text()), **values}
+    path.write_text(json.dumps({key: value for key, value in content.items() if value is not None}))
+
+
+def test_stereo_frames_come_back(folder):
+    dataset = FolderDataset(folder)
+    assert dataset.names == ["a", "b", "c"]
+    assert len(dataset) == 3
+    assert dataset.source == "stereo"
+    for name in dataset.names:
+        frame, written = dataset.frame(name), make_frame(name)
+        assert frame.name == name
+        assert frame.camera == CAMERA
+        assert np.array_equal(frame.left, written.left)
+        assert np.array_equal(frame.right, written.right)
+        assert frame.disparity is frame.depth_m is frame.stamp_ns is None
+
+
+def test_truth_is_optional(folder):
+    dataset = FolderDataset(folder)
+    assert np.array_equal(dataset.truth("b"), truth())
+    assert dataset.truth("a") is None
+
+
+@pytest.mark.parametrize("key", ["disparity", "depth_m"])
+def test_disparity_and_depth_come_back(tmp_path, depth, key):
+    write_frame(tmp_path, make_frame("x", **{key: depth}))
+    write_calibration(tmp_path, CAMERA, WIDTH, HEIGHT)
+    dataset = FolderDataset(tmp_path, source="stereo")
+    assert dataset.source == key.removesuffix("_m")
+    frame = dataset.frame("x")
+    assert np.array_equal(getattr(frame, key), depth)
+    assert frame.right is None
+
+
+def test_depth_is_in_millimetres_without_a_scale(tmp_path, depth):
+    write_frame(tmp_path, make_frame("x", depth_m=depth))
+    write_calibration(tmp_path, CAMERA, WIDTH, HEIGHT)
+    change_calibration(tmp_path, depth_scale=None)
+    assert FolderDataset(tmp_path).frame("x").depth_m == pytest.approx(depth * 0.256)
+    change_calibration(tmp_path, depth_scale=128)
+    assert np.array_equal(FolderDataset(tmp_path).frame("x").depth_m, depth * 2)
+
+
+def test_the_preferred_source_is_taken(tmp_path, depth):
+    written = make_frame("x", disparity=depth, depth_m=depth + 1)
+    write_frame(tmp_path, dataclasses.replace(written, right=written.left))
+    write_calibration(tmp_path, CAMERA, WIDTH, HEIGHT)
+    for source, field in (("stereo", "right"), ("disparity", "disparity"), ("depth", "depth_m")):
+        frame = FolderDataset(tmp_path, source=source).frame("x")
+        given = [name for name in ("right", "disparity", "depth_m") if getattr(frame, name) is not None]
+        assert given == [field]
+    with pytest.raises(ValueError, match="'lidar'; choose one of stereo, disparity, depth"):
+        FolderDataset(tmp_path, source="lidar")
+
+
+def test_a_frame_may_have_a_calibration_of_its_own(folder):
+    (folder / "calib").mkdir()
+    own = json.loads((folder / "calib.json").read_text())
+    (folder / "calib" / "b.json").write_text(json.dumps({**own, "fx": 70.0}))
+    dataset = FolderDataset(folder)
+    assert [dataset.frame(name).camera.fx for name in dataset.names] == [50.5, 70.0, 50.5]
+
+
+def test_16_bit_pairs_are_scaled_alike(folder):
+    left = np.arange(HEIGHT * WIDTH, dtype=np.uint16).reshape(HEIGHT, WIDTH)  # 887 at most: 10 bits
+    write_image(folder / "left" / "a.png", left)
+    write_image(folder / "right" / "a.png", left // 4)
+    frame = FolderDataset(folder).frame("a")
+    assert np.array_equal(frame.left, left // 4)
+    assert np.array_equal(frame.right, left // 16)
+
+
+def test_jpeg_and_png_may_be_mixed(folder):
+    (folder / "left" / "a.png").unlink()
+    write_image(folder / "left" / "a.JPG", np.full((HEIGHT, WIDTH, 3), 99, np.uint8))
+    dataset = FolderDataset(folder)
+    assert dataset.names == ["a", "b", "c"]
+    assert np.array_equal(dataset.frame("a").left, np.full((HEIGHT, WIDTH, 3), 99, np.uint8))
+
+
+def test_a_broken_frame_leaves_the_others(folder):
+    left = folder / "left" / "b.png"
+    left.write_bytes(left.read_bytes()[:200])
+    dataset = FolderDataset(folder)
+    with pytest.raises(ValueError, match=r"b\.png: 200 bytes that cannot be read as an image"):
+        dataset.frame("b")
+    assert dataset.frame("c").name == "c"
+
+
+def test_a_missing_image_is_named(folder):
+    (folder / "right" / "c.png").unlink()
+    dataset = FolderDataset(folder)
+    with pytest.raises(FileNotFoundError, match=r"right/c"):
+        dataset.frame("c")
+    with pytest.raises(FileNotFoundError, match=r"left/nobody"):
+        dataset.frame("nobody")
+
+
+def test_sizes_must_agree(folder):
+    write_image(folder / "right" / "a.png", np.zeros((HEIGHT, WIDTH - 1, 3), np.uint8))
+    with pytest.raises(ValueError, match=rf"a\.png: is 36 x {HEIGHT} pixels, but the left image is {WIDTH} x {HEIGHT}"):
+        FolderDataset(folder).frame("a")
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ({"fx": None}, "fx is missing"),
+        ({"baseline_m": None}, "baseline_m is missing"),
+        ({"width": None}, "width is missing"),
+        ({"baseline_m": 0}, "baseline_m is 0; give a positive number"),
+        ({"fy": -3.0}, "fy is -3.0; give a positive number"),
+        ({"cx": float("nan")}, "cx is nan; give a finite number"),
+        ({"cy": "11"}, "cy is '11'; give a finite number"),
+        ({"width": 640}, f"width is 640, but the left image's is {WIDTH}"),
+        ({"height": WIDTH}, f"height is {WIDTH}, but the left image's is {HEIGHT}"),
+        ({"depth_scale": 0}, "depth_scale is 0; give a positive number"),
+    ],
+)
+def test_calibrations_that_cannot_be_are_refused(folder, values, message):
+    change_calibration(folder, **values)
+    with pytest.raises(ValueError, match=rf"calib\.json: {message}"):
+        FolderDataset(folder).frame("a")
+
+
+@pytest.mark.parametrize(
+    ("text", "message"), [("{", "cannot be read as JSON"), ("", "as JSON"), ("[1]", "is no JSON object")]
+)
+def test_a_calibration_that_is_no_json_is_refused(folder, text, message):
+    (folder / "calib.json").write_text(text)
+    with pytest.raises(ValueError, match=rf"calib\.json: .*{message}"):
+        FolderDataset(folder).frame("a")
+
+
+def test_a_missing_calibration_is_named(folder):
+    (folder / "calib.json").unlink()
+    with pytest.raises(ValueError, match=r"no calibration; add calib\.json"):
+        FolderDataset(folder)
+    (folder / "calib").mkdir()
+    with pytest.raises(FileNotFoundError, match=r"calib/a\.json"):
+        FolderDataset(folder).frame("a")
+
+
+def test_folders_that_are_none_are_refused(folder, tmp_path):
+    with pytest.raises(FileNotFoundError, match="there is no such folder"):
+        FolderDataset(tmp_path / "nowhere")
+    with pytest.raises(ValueError, match="is not a folder"):
+        FolderDataset(folder / "calib.json")
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(ValueError, match="empty/left: holds no images"):
+        FolderDataset(tmp_path / "empty")
+    write_image(tmp_path / "empty" / "left" / "a.png", np.zeros((HEIGHT, WIDTH), np.uint8))
+    with pytest.raises(ValueError, match="only left images"):
+        FolderDataset(tmp_path / "empty")
+
+
+def test_two_images_of_one_name_are_refused(folder):
+    write_image(folder / "left" / "a.jpg", np.zeros((HEIGHT, WIDTH), np.uint8))
+    with pytest.raises(ValueError, match=r"a\.png: the folder has a\.jpg too"):
+        FolderDataset(folder)
+
+
+@pytest.mark.parametrize(
+    ("image", "message"),
+    [
+        (np.ones((HEIGHT, WIDTH), np.uint8), "has the value 1; give 255 traversable"),
+        (np.zeros((HEIGHT, WIDTH, 3), np.uint8), "give a grey PNG of 8 bits"),
+        (np.zeros((HEIGHT, WIDTH), np.uint16), "give a grey PNG of 8 bits"),
+    ],
+)
+def test_truth_of_another_kind_is_refused(folder, image, message):
+    write_image(folder / "gt" / "a.png", image)
+    with pytest.raises(ValueError, match=rf"a\.png: .*{message}"):
+        FolderDataset(folder).truth("a")

@@ -1,0 +1,232 @@
+"""Tests of images: encodings against images made by hand, and files that are whole or not."""
+
+import cv2
+import numpy as np
+import pytest
+
+from lrtrav_ros.io.encodings import (
+    ENCODINGS,
+    as_8bit,
+    decode_compressed,
+    decode_image,
+    depth_in_metres,
+    encode_image,
+    read_disparity,
+    read_image,
+    valid_disparity,
+    write_bytes,
+    write_disparity,
+    write_image,
+)
+
+HEIGHT, WIDTH = 20, 27
+
+
+@pytest.fixture
+def bgr():
+    return np.random.default_rng(3).integers(0, 256, (HEIGHT, WIDTH, 3), np.uint8)
+
+
+@pytest.fixture
+def grey(bgr):
+    return np.ascontiguousarray(bgr[..., 1])
+
+
+def decode(image, name, **fields):
+    """Decode an array's bytes as a message's; `fields` replace those that describe it."""
+    values = {"encoding": name, "height": image.shape[0], "width": image.shape[1], "step": image.strides[0]}
+    return decode_image(image.tobytes(), **{**values, **fields})
+
+
+@pytest.mark.parametrize(
+    ("encoding", "channels"),
+    [("bgr8", [0, 1, 2]), ("8UC3", [0, 1, 2]), ("rgb8", [2, 1, 0]), ("bgra8", [0, 1, 2, 1]), ("rgba8", [2, 1, 0, 1])],
+)
+def test_colour_becomes_bgr(bgr, encoding, channels):
+    result = decode(np.ascontiguousarray(bgr[..., channels]), encoding)
+    assert np.array_equal(result, bgr)
+    assert result.flags.c_contiguous
+    assert result.flags.writeable
+
+
+@pytest.mark.parametrize(
+    ("encoding", "dtype"),
+    [("mono8", "u1"), ("8UC1", "u1"), ("mono16", "u2"), ("16UC1", "u2"), ("32FC1", "f4")],
+)
+@pytest.mark.parametrize("order", ["<", ">"])
+def test_single_channel_of_either_byte_order(grey, encoding, dtype, order):
+    image = (grey.astype(np.float32) * 1.5).astype(dtype)
+    result = decode(image.astype(f"{order}{dtype}"), encoding, is_bigendian=int(order == ">"))
+    assert result.dtype == np.dtype(dtype)
+    assert result.dtype.isnative
+    assert np.array_equal(result, image)
+
+
+def test_rows_may_be_padded(bgr):
+    rows = np.full((HEIGHT, WIDTH * 3 + 5), 77, np.uint8)
+    rows[:, : WIDTH * 3] = bgr.reshape(HEIGHT, -1)
+    fields = {"encoding": "bgr8", "height": HEIGHT, "width": WIDTH, "step": WIDTH * 3 + 5}
+    assert np.array_equal(decode_image(memoryview(rows.tobytes()), **fields), bgr)
+    assert np.array_equal(decode_image(rows.reshape(-1), **fields), bgr)
+
+
+@pytest.mark.parametrize(("depth", "dtype"), [("8", np.uint8), ("16", np.uint16)])
+@pytest.mark.parametrize("pattern", ["rggb", "bggr", "gbrg", "grbg"])
+def test_bayer_pattern_is_of_the_first_four_pixels(pattern, depth, dtype):
+    colour = {"b": 30, "g": 120, "r": 250}
+    mosaic = np.empty((HEIGHT, WIDTH), dtype)
+    for index, letter in enumerate(pattern):
+        mosaic[index // 2 :: 2, index % 2 :: 2] = colour[letter]
+    result = decode(mosaic, f"bayer_{pattern}{depth}")
+    assert result.dtype == dtype
+    assert np.array_equal(result, np.broadcast_to(np.array([30, 120, 250], dtype), (HEIGHT, WIDTH, 3)))
+
+
+@pytest.mark.parametrize(
+    ("fields", "message"),
+    [
+        ({"encoding": "yuv422"}, "'yuv422'; give one of mono8"),
+        ({"height": 0}, "27 x 0 pixels"),
+        ({"width": 0}, "0 x 20 pixels"),
+        ({"width": -3}, "-3 x 20 pixels"),
+        ({"step": WIDTH * 3 - 1}, "step is 80 bytes; a row of 27 pixels needs at least 81"),
+        ({"step": WIDTH * 3 + 1}, "1620 bytes; 20 rows of 82 bytes need 1640"),
+        ({"height": HEIGHT + 1}, "1620 bytes; 21 rows of 81 bytes need 1701"),
+    ],
+)
+def test_fields_that_do_not_fit_are_refused(bgr, fields, message):
+    with pytest.raises(ValueError, match=message):
+        decode(bgr, "bgr8", **fields)
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.float32])
+def test_encode_is_the_inverse_of_decode(grey, dtype):
+    image = grey.astype(dtype)
+    encoded = encode_image(image[:, ::2])
+    assert (encoded.height, encoded.width, encoded.step) == (HEIGHT, 14, 14 * image.itemsize)
+    result = decode_image(
+        encoded.data, encoding=encoded.encoding, height=encoded.height, width=encoded.width, step=encoded.step
+    )
+    assert result.dtype == dtype
+    assert np.array_equal(result, image[:, ::2])
+
+
+def test_encodings_that_are_written(bgr):
+    names = [encode_image(image).encoding for image in (bgr, bgr[..., 0], bgr[..., 0].astype(np.uint16))]
+    assert names == ["bgr8", "mono8", "mono16"]
+    assert set(names) < set(ENCODINGS)
+    for image in (bgr.astype(np.float64), bgr[..., :2], bgr[:0]):
+        with pytest.raises(ValueError, match=r"give \(H, W\)"):
+            encode_image(image)
+
+
+def test_compressed_colour_and_grey(bgr, grey):
+    png = cv2.imencode(".png", bgr)[1].tobytes()
+    assert np.array_equal(decode_compressed(png, "png"), bgr)
+    assert np.array_equal(decode_compressed(png, "rgb8; png compressed bgr8"), bgr)
+    assert np.array_equal(decode_compressed(png, "rgb8; png compressed rgb8"), bgr[..., ::-1])
+    assert np.array_equal(decode_compressed(cv2.imencode(".png", grey)[1], "mono8; png compressed"), grey)
+    flat = np.full((HEIGHT, WIDTH, 3), (40, 90, 200), np.uint8)
+    jpeg = decode_compressed(cv2.imencode(".jpg", flat)[1].tobytes(), "bgr8; jpeg compressed bgr8")
+    assert np.abs(jpeg.astype(int) - flat).max() <= 3
+
+
+def test_compressed_depth():
+    millimetres = np.arange(HEIGHT * WIDTH, dtype=np.uint16).reshape(HEIGHT, WIDTH) * 100
+    png = cv2.imencode(".png", millimetres)[1].tobytes()
+    assert np.array_equal(decode_compressed(bytes(12) + png, "16UC1; compressedDepth png"), millimetres)
+    header = np.array([0, 0, 0], "<f4")
+    header[1:] = 1000, 50  # depth = 1000 / (value - 50)
+    metres = decode_compressed(header.tobytes() + png, "32FC1; compressedDepth")
+    assert metres[0, 0] == 0
+    assert metres[0, 3] == pytest.approx(1000 / 250)
+    with pytest.raises(ValueError, match="'bgr8' and 3 bytes"):
+        decode_compressed(b"abc", "bgr8; compressedDepth")
+
+
+@pytest.mark.parametrize("suffix", [".png", ".jpg"])
+def test_what_is_cut_off_or_no_image_is_refused(bgr, suffix, tmp_path):
+    whole = cv2.imencode(suffix, bgr)[1].tobytes()
+    path = tmp_path / f"image{suffix}"
+    for data in (whole[: len(whole) // 2], b"no image", b""):
+        with pytest.raises(ValueError, match="cannot be read as an image"):
+            decode_compressed(data, "jpeg")
+        path.write_bytes(data)
+        with pytest.raises(ValueError, match=rf"image\{suffix}: {len(data)} bytes that cannot be read"):
+            read_image(path)
+
+
+def test_12_bits_are_scaled_by_a_power_of_two_and_right_like_left():
+    left = np.array([[0, 160, 3000], [16, 2048, 4095]], np.uint16)
+    right = np.array([[0, 160, 5000], [16, 32, 64]], np.uint16)
+    assert as_8bit(left).tolist() == [[0, 10, 187], [1, 128, 255]]
+    assert as_8bit(right, like=left).tolist() == [[0, 10, 255], [1, 2, 4]]
+    dark = np.array([[0, 7, 200]], np.uint16)
+    assert as_8bit(dark).tolist() == [[0, 7, 200]]
+    assert as_8bit(np.full((2, 3, 3), 65535, np.uint16)).tolist() == np.full((2, 3, 3), 255).tolist()
+    assert as_8bit(dark.astype(np.uint8)).dtype == np.uint8
+    with pytest.raises(ValueError, match="float32"):
+        as_8bit(dark.astype(np.float32))
+
+
+def test_depth_in_metres():
+    assert depth_in_metres(np.array([[0, 1, 12345]], np.uint16)) == pytest.approx(np.array([[0, 0.001, 12.345]]))
+    metres = np.array([[np.nan, np.inf, -1, 0, 2.5]], np.float32)
+    assert depth_in_metres(metres).tolist() == [[0, 0, 0, 0, 2.5]]
+    with pytest.raises(ValueError, match="16UC1"):
+        depth_in_metres(metres.astype(np.float64))
+
+
+def test_valid_disparity():
+    values = np.array([[-1, 0, 1.5, 2, 60, np.nan, np.inf]], np.float32)
+    assert valid_disparity(values, 2.0).tolist() == [[0, 0, 0, 2, 60, 0, 0]]
+    assert valid_disparity(values, -5.0).tolist() == [[0, 0, 1.5, 2, 60, 0, 0]]
+    with pytest.raises(ValueError, match="32FC1"):
+        valid_disparity(values.astype(np.float64), 0.0)
+
+
+def test_files_come_back(bgr, grey, tmp_path):
+    for image in (bgr, grey, grey.astype(np.uint16) * 200):
+        write_image(tmp_path / "new" / "image.png", image)
+        result = read_image(tmp_path / "new" / "image.png")
+        assert result.dtype == image.dtype
+        assert np.array_equal(result, image)
+    with pytest.raises(FileNotFoundError):
+        read_image(tmp_path / "missing.png")
+
+
+def test_alpha_is_dropped(bgr, tmp_path):
+    (tmp_path / "a.png").write_bytes(cv2.imencode(".png", np.dstack([bgr, bgr[..., 0]]))[1].tobytes())
+    assert np.array_equal(read_image(tmp_path / "a.png"), bgr)
+
+
+def test_formats_that_cannot_hold_an_image_are_refused(grey, tmp_path):
+    for name, image in (("a.jpg", grey.astype(np.uint16)), ("a.png", grey.astype(np.float32)), ("a.xyz", grey)):
+        with pytest.raises(ValueError, match=f"{name}.*give .png"):
+            write_image(tmp_path / name, image)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_failed_write_leaves_the_finished_file(tmp_path, monkeypatch):
+    path = tmp_path / "file.csv"
+    write_bytes(path, b"finished")
+
+    def fail(self, data):
+        self.touch()
+        raise OSError("disk full")
+
+    monkeypatch.setattr(type(path), "write_bytes", fail)
+    with pytest.raises(OSError, match="disk full"):
+        write_bytes(path, b"half")
+    assert path.read_bytes() == b"finished"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_disparity_files_hold_256ths_of_a_pixel(tmp_path):
+    disparity = np.array([[0, 1 / 256, 63.4], [300, np.nan, -4]], np.float32)
+    write_disparity(tmp_path / "d.png", disparity)
+    expected = [[0, 1 / 256, 16230 / 256], [65535 / 256, 0, 0]]
+    assert read_disparity(tmp_path / "d.png").tolist() == expected
+    write_image(tmp_path / "grey.png", np.zeros((4, 6), np.uint8))
+    with pytest.raises(ValueError, match="16 bits"):
+        read_disparity(tmp_path / "grey.png")

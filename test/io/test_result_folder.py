@@ -1,0 +1,165 @@
+"""Tests of what a detection writes: frames.csv, files that are whole, and folders that are never lost."""
+
+from __future__ import annotations
+
+import csv
+import math
+
+import numpy as np
+import pytest
+import recorded
+
+from lrtrav_ros import Config, Detector
+from lrtrav_ros.config import load_parameters
+from lrtrav_ros.io.encodings import read_disparity, read_image
+from lrtrav_ros.io.result_folder import (
+    EXTRAS,
+    ResultFolder,
+    checked_extras,
+    frame_result,
+    output_folder,
+    unusable_frame,
+)
+
+CONFIG = Config().updated({"stereo.n_disparities": 64, "superpixels.n_superpixels": 60})
+
+
+@pytest.fixture(scope="module")
+def detection():
+    frame = recorded.frames(n=1)[0]
+    return Detector(CONFIG, frame.camera).detect(frame.left, frame.right)
+
+
+def rows(path):
+    with (path / "frames.csv").open(newline="", encoding="utf-8") as table:
+        return list(csv.DictReader(table))
+
+
+def test_frame_is_written_with_all_extras(tmp_path, detection):
+    with ResultFolder(tmp_path / "out", CONFIG) as results:
+        results.write(frame_result("a b", detection, recorded.CAMERA, extras=tuple(EXTRAS)))
+    out = tmp_path / "out"
+    short, long = detection.short_range, detection.long_range
+    assert np.array_equal(read_image(out / "short_range/a b.png"), short.mask)
+    assert np.array_equal(read_image(out / "long_range/a b.png"), long.mask)
+    assert read_image(out / "overlay/a b.jpg").shape == detection.left.shape
+    np.testing.assert_allclose(read_disparity(out / "disparity/a b.png"), detection.disparity, atol=1 / 512)
+    assert np.array_equal(read_image(out / "superpixels/a b.png"), long.superpixels)
+    assert np.array_equal(read_image(out / "clusters/a b.png"), long.clusters)
+    assert np.array_equal(read_image(out / "occupancy/a b.png"), long.occupancy)
+    assert read_image(out / "u_disparity/a b.png").shape[:2] == short.u_disparity.shape
+    assert read_image(out / "v_disparity/a b.png").shape[:2] == short.v_disparity.shape
+    for extra in ("obstacle_disparity", "wld"):
+        assert read_image(out / extra / "a b.png").shape[:2] == detection.left.shape[:2]
+
+
+def test_row_says_what_was_measured(tmp_path, detection):
+    with ResultFolder(tmp_path, CONFIG) as results:
+        results.write(frame_result("a", detection, recorded.CAMERA))
+    (row,) = rows(tmp_path)
+    line = detection.short_range.line
+    assert row["name"] == "a"
+    assert float(row["matching_ms"]) == pytest.approx(detection.times.matching_ms, abs=0.006)
+    assert float(row["slope"]) == pytest.approx(line.slope, rel=1e-4)
+    assert float(row["camera_height_m"]) == pytest.approx(line.camera_height_m(recorded.CAMERA), rel=1e-4)
+    assert float(row["pitch_deg"]) == pytest.approx(math.degrees(line.pitch_rad(recorded.CAMERA)), rel=1e-4)
+    assert int(row["n_superpixels"]) == len(detection.long_range.superpixel_clusters)
+    assert int(row["n_clusters"]) == len(set(detection.long_range.superpixel_clusters.tolist()))
+    assert row["problem"] == ""
+
+
+def test_frame_that_could_not_be_used_has_its_row_and_no_files(tmp_path):
+    with ResultFolder(tmp_path, CONFIG) as results:
+        results.write(unusable_frame("a", 'left/a.png: "no" image, at all'))
+    (row,) = rows(tmp_path)
+    assert (row["name"], row["problem"], row["slope"]) == ("a", 'left/a.png: "no" image, at all', "")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["config.yaml", "frames.csv"]
+
+
+def test_frame_without_ground_says_so():
+    image = np.zeros((20, 30, 3), np.uint8)
+    detection = Detector(CONFIG, recorded.CAMERA).detect(image, image)
+    result = frame_result("a", detection, recorded.CAMERA)
+    assert result.problem == "no ground line found"
+    assert {"short_range/a.png", "long_range/a.png", "overlay/a.jpg"} == set(result.files)
+
+
+def test_rows_are_on_disk_as_soon_as_they_are_written(tmp_path):
+    with ResultFolder(tmp_path, CONFIG) as results:
+        results.write(unusable_frame("a", "no"))
+        assert [row["name"] for row in rows(tmp_path)] == ["a"]
+
+
+def test_configuration_is_read_back(tmp_path):
+    with ResultFolder(tmp_path, CONFIG):
+        pass
+    assert Config().updated(load_parameters(tmp_path / "config.yaml")) == CONFIG
+
+
+def test_unknown_extra_is_refused():
+    with pytest.raises(ValueError, match="cannot save 'normals'; choose out of disparity, superpixels"):
+        checked_extras(["disparity", "normals"])
+
+
+@pytest.mark.parametrize("exists", [False, True])
+def test_new_or_empty_folder_is_written_to_as_it_is(tmp_path, exists):
+    path = tmp_path / "out"
+    if exists:
+        path.mkdir()
+    with output_folder(path) as folder:
+        assert folder == path
+
+
+def test_folder_that_holds_something_is_refused(tmp_path):
+    (tmp_path / "a").touch()
+    with pytest.raises(FileExistsError, match="exists and is not an empty folder; choose another or give --overwrite"):
+        output_folder(tmp_path).__enter__()
+
+
+def test_file_is_never_replaced(tmp_path):
+    path = tmp_path / "out"
+    path.touch()
+    with pytest.raises(FileExistsError, match="out exists"):
+        output_folder(path, overwrite=True).__enter__()
+
+
+def test_old_folder_is_replaced_when_the_new_one_is_finished(tmp_path):
+    path = tmp_path / "out"
+    path.mkdir()
+    (path / "old").touch()
+    with output_folder(path, overwrite=True) as folder:
+        folder.mkdir()
+        (folder / "new").touch()
+        assert [file.name for file in path.iterdir()] == ["old"]
+    assert [file.name for file in path.iterdir()] == ["new"]
+    assert [file.name for file in tmp_path.iterdir()] == ["out"]
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt, ValueError])
+def test_old_folder_stays_when_the_run_is_interrupted(tmp_path, error):
+    path = tmp_path / "out"
+    path.mkdir()
+    (path / "old").touch()
+
+    def run():
+        with output_folder(path, overwrite=True) as folder:
+            folder.mkdir()
+            (folder / "new").touch()
+            raise error
+
+    with pytest.raises(error):
+        run()
+    assert [file.name for file in path.iterdir()] == ["old"]
+    assert [file.name for file in tmp_path.iterdir()] == ["out"]
+
+
+def test_link_to_a_folder_stays_a_link(tmp_path):
+    target, link = tmp_path / "target", tmp_path / "link"
+    target.mkdir()
+    (target / "old").touch()
+    link.symlink_to(target)
+    with output_folder(link, overwrite=True) as folder:
+        folder.mkdir()
+        (folder / "new").touch()
+    assert link.is_symlink()
+    assert [file.name for file in target.iterdir()] == ["new"]

@@ -1,0 +1,78 @@
+"""Tests of the spectral clustering."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from lrtrav_ros.config import ClusteringConfig
+from lrtrav_ros.method.clustering import affinity, automatic_k, spectral_clusters
+
+
+def groups(*sizes: int, spread: float = 0.05, seed: int = 0) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Return the distances of points in well separated groups on a line, and the group of each."""
+    group = np.repeat(np.arange(len(sizes)), sizes)
+    points = group + np.random.default_rng(seed).uniform(-spread, spread, len(group))
+    return np.abs(points[:, None] - points), group
+
+
+def same_partition(first: NDArray[np.integer], second: NDArray[np.integer]) -> bool:
+    return np.array_equal(first[:, None] == first, second[:, None] == second)
+
+
+def test_sigma_is_the_largest_distance_to_a_nearest_neighbour() -> None:
+    distances = np.array([[0, 1, 4], [1, 0, 3], [4, 3, 0]], float)
+    expected = np.exp(-(distances**2) / (2 * 3**2))
+    np.fill_diagonal(expected, 0)
+    np.testing.assert_allclose(affinity(distances), expected)
+
+
+@pytest.mark.parametrize("centres", ["farthest", "random"])
+def test_groups_are_found_with_their_number_given(centres: str) -> None:
+    distances, group = groups(9, 5, 7)
+    assert same_partition(spectral_clusters(distances, ClusteringConfig(k=3, centres="farthest")), group)
+    found = spectral_clusters(distances, ClusteringConfig(k=3, centres=centres))
+    assert found.dtype == np.int32
+    assert sorted(np.unique(found)) == list(range(found.max() + 1))
+
+
+@pytest.mark.parametrize("sizes", [(8, 8, 8), (6, 9, 7, 8), (5, 5, 5, 5, 5)])
+def test_clusters_of_automatic_number_do_not_mix_groups(sizes: tuple[int, ...]) -> None:
+    distances, group = groups(*sizes)
+    found = spectral_clusters(distances, ClusteringConfig(k=0))
+    assert found.max() + 1 >= len(sizes)
+    for label in np.unique(found):
+        assert len(np.unique(group[found == label])) == 1
+
+
+def test_automatic_k_counts_from_one_and_leaves_the_first_gap_out() -> None:
+    assert automatic_k(np.array([1.0 - 1e-12, 0.5, 0.45, 0.2, 0.15])) == 4  # the gap after lambda_3
+    assert automatic_k(np.array([1.0, 0.9, 0.1, 0.05])) == 3  # the paper's usual case
+
+
+def test_same_seed_same_clusters() -> None:
+    distances, _ = groups(30, 30, spread=0.6)
+    config = ClusteringConfig(k=5, seed=3)
+    np.testing.assert_array_equal(spectral_clusters(distances, config), spectral_clusters(distances, config))
+
+
+@pytest.mark.parametrize("n", [0, 1, 2, 3])
+@pytest.mark.parametrize("k", [0, 10])
+def test_few_items(n: int, k: int) -> None:
+    found = spectral_clusters(np.ones((n, n)) - np.eye(n), ClusteringConfig(k=k))
+    assert found.shape == (n,)
+
+
+def test_items_that_are_all_alike_and_one_that_is_like_no_other() -> None:
+    alike = np.zeros((6, 6))
+    assert len(spectral_clusters(alike, ClusteringConfig(k=2))) == 6
+    alike[5, :5] = alike[:5, 5] = 1e6
+    found = spectral_clusters(alike, ClusteringConfig(k=2))
+    assert np.isfinite(found).all()
+
+
+@pytest.mark.parametrize("distances", [np.zeros((2, 3)), np.zeros(4), np.array([[0, np.nan], [np.nan, 0]])])
+def test_what_is_no_distance_matrix_is_refused(distances: NDArray[np.float64]) -> None:
+    with pytest.raises(ValueError, match="give a square matrix of finite numbers"):
+        spectral_clusters(distances)

@@ -1,0 +1,159 @@
+"""Tests of the histograms of superpixels and the distances between them."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from lrtrav_ros.config import FeaturesConfig, find_parameter
+from lrtrav_ros.method.features import (
+    TEXTURE_BINS,
+    centre_symmetric_pattern,
+    colour_histograms,
+    histogram_distances,
+    local_binary_pattern,
+    local_homogeneity,
+    local_ternary_patterns,
+    superpixel_distances,
+    texture_histograms,
+    weber_descriptor,
+    weighted_sum,
+)
+
+DISTANCES = find_parameter("features.distance").choices
+
+
+def quadrants() -> tuple[NDArray[np.uint8], NDArray[np.int32]]:
+    """Return a noisy 40 x 42 BGR image of red, green, blue and rough grey quadrants, and their labels."""
+    rng = np.random.default_rng(0)
+    labels = np.zeros((40, 42), np.int32)
+    labels[:20, 21:], labels[20:, :21], labels[20:, 21:] = 1, 2, 3
+    colours = np.array([[20, 20, 200], [20, 200, 20], [200, 20, 20], [100, 100, 100]])
+    noise = rng.integers(-4, 5, (40, 42, 1)) * np.where(labels == 3, 12, 1)[..., None]
+    return np.clip(colours[labels] + noise, 0, 255).astype(np.uint8), labels
+
+
+def test_colour_histogram_has_the_bins_of_the_paper() -> None:
+    image = np.zeros((2, 3, 3), np.uint8)
+    image[:, 1:] = (0, 0, 255)  # pure red: hue 0, full saturation, full value
+    histograms = colour_histograms(image, np.array([[0, 1, 1], [0, 1, 1]], np.int32))
+    assert histograms.shape == (2, 9 * 8 * 6)
+    assert histograms[0, 0] == 1
+    assert histograms[1, 7 * 6 + 5] == 1
+    np.testing.assert_allclose(histograms.sum(axis=1), 1)
+
+
+def test_colour_histogram_of_grey_is_that_of_bgr_without_colour() -> None:
+    gray = np.random.default_rng(0).integers(0, 256, (20, 30), np.uint8)
+    labels = np.zeros((20, 30), np.int32)
+    np.testing.assert_array_equal(
+        colour_histograms(gray, labels), colour_histograms(np.repeat(gray[..., None], 3, axis=2), labels)
+    )
+
+
+def test_weber_descriptor_is_the_formula() -> None:
+    gray = np.random.default_rng(0).integers(0, 256, (12, 15), np.uint8)
+    gray[3, 4] = 0
+    found = weber_descriptor(gray)
+    values = gray.astype(float)
+    for v, u in itertools.product(range(1, 11), range(1, 14)):
+        if gray[v, u]:
+            around = values[v - 1 : v + 2, u - 1 : u + 2]
+            angle = np.arctan((3 * (around - values[v, u]) / values[v, u]).sum())
+            assert found[v, u] == round((angle / np.pi + 0.5) * 255)
+    assert found[3, 4] == 255  # a black centre among brighter neighbours
+
+
+@pytest.mark.parametrize("level", [0, 1, 128, 255])
+def test_weber_descriptor_of_a_flat_image_is_the_middle(level: int) -> None:
+    np.testing.assert_array_equal(weber_descriptor(np.full((7, 9), level, np.uint8)), 128)
+
+
+def test_weber_descriptor_does_not_change_with_brightness() -> None:
+    gray = np.random.default_rng(0).integers(40, 64, (20, 25), np.uint8)
+    np.testing.assert_array_equal(weber_descriptor(gray), weber_descriptor(gray * 2))
+
+
+def test_binary_patterns_of_a_bright_right_side() -> None:
+    gray = np.array([[10, 10, 200]] * 3, np.uint8)
+    assert local_binary_pattern(gray)[1, 1] == 0b11111111  # all are at least as bright as the centre
+    assert local_binary_pattern(gray)[1, 2] == 0b00111110  # what lies left is darker; edges repeat
+    upper, lower = local_ternary_patterns(gray)
+    assert (upper[1, 1], lower[1, 1]) == (0b00011100, 0)
+    assert (upper[1, 2], lower[1, 2]) == (0, 0b11000001)
+    assert centre_symmetric_pattern(gray)[1, 1] == 0b0100 or centre_symmetric_pattern(gray)[1, 1] == 0b1100
+
+
+def test_homogeneity_is_least_at_the_strongest_edge() -> None:
+    gray = np.zeros((20, 30), np.uint8)
+    gray[:, 15:] = 255
+    found = local_homogeneity(gray)
+    assert found[:, :10].min() == 255
+    assert found[10, 14:16].max() == 0
+
+
+@pytest.mark.parametrize("texture", TEXTURE_BINS)
+def test_texture_histograms_are_normalised(texture: str) -> None:
+    image, labels = quadrants()
+    histograms = texture_histograms(image, labels, texture)
+    assert histograms.shape == (4, TEXTURE_BINS[texture])
+    np.testing.assert_allclose(histograms.sum(axis=1), 1, rtol=1e-6)
+
+
+@pytest.mark.parametrize("distance", DISTANCES)
+def test_distances_are_symmetric_with_zero_diagonal(distance: str) -> None:
+    histograms = np.random.default_rng(0).dirichlet(np.ones(16), 7).astype(np.float32)
+    found = histogram_distances(histograms, distance)
+    np.testing.assert_array_equal(found, found.T)
+    np.testing.assert_array_equal(np.diag(found), 0)
+    assert (found[~np.eye(7, dtype=bool)] > 0).all()
+
+
+@pytest.mark.parametrize(
+    ("distance", "expected"),
+    [
+        ("correlation", (1 + 1 / 3) / 2),  # Pearson's correlation of two different unit bins out of 4 is -1/3
+        ("chi_square", 1.0),
+        ("intersection", 1.0),
+        ("bhattacharyya", 1.0),
+        ("euclidean", np.sqrt(2)),
+        ("earth_mover", 2 / 4),
+    ],
+)
+def test_distance_of_two_unit_histograms(distance: str, expected: float) -> None:
+    found = histogram_distances(np.array([[1, 0, 0, 0], [0, 0, 1, 0]], np.float32), distance)
+    assert found[0, 1] == pytest.approx(expected)
+
+
+def test_flat_histograms_have_no_correlation_and_no_error() -> None:
+    found = histogram_distances(np.full((2, 4), 0.25, np.float32), "correlation")
+    assert found[0, 1] == 0.5
+
+
+def test_weights_follow_the_mean_distances() -> None:
+    colour = np.array([[0, 0.6], [0.6, 0]])
+    texture = np.array([[0, 0.2], [0.2, 0]])
+    assert weighted_sum(colour, texture)[0, 1] == pytest.approx(0.6 * 0.6 / 0.8 + 0.2 * 0.2 / 0.8)
+    np.testing.assert_array_equal(weighted_sum(colour * 0, texture * 0), np.zeros((2, 2)))
+    np.testing.assert_allclose(weighted_sum(colour * 0, texture), texture)
+
+
+@pytest.mark.parametrize("cues", ["both", "colour", "texture"])
+def test_quadrants_of_one_kind_are_closer(cues: str) -> None:
+    image, labels = quadrants()
+    halves = labels * 2 + (np.arange(40)[:, None] % 20 >= 10)
+    found = superpixel_distances(image, halves.astype(np.int32), FeaturesConfig(cues=cues))
+    for i, j in itertools.combinations(range(4), 2):
+        if cues != "texture" or 3 in (i, j):
+            assert found[2 * i, 2 * i + 1] < found[2 * i, 2 * j]
+
+
+def test_unknown_names() -> None:
+    image, labels = quadrants()
+    with pytest.raises(ValueError, match="no texture descriptor 'gabor'; choose one of wld"):
+        texture_histograms(image, labels, "gabor")
+    with pytest.raises(ValueError, match="no histogram distance 'cosine'; choose one of correlation"):
+        histogram_distances(np.eye(3, dtype=np.float32), "cosine")

@@ -1,0 +1,158 @@
+"""What the node tests share: a scene as messages, and a graph of nodes that is spun until something holds."""
+
+import subprocess
+import time
+from collections import defaultdict
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import pytest
+from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.qos import QoSProfile, QoSReliabilityPolicy
+from sensor_msgs.msg import CameraInfo
+from std_msgs.msg import Header
+
+from lrtrav_ros.camera import StereoCamera
+from lrtrav_ros.nodes import diagnostics
+from lrtrav_ros.nodes.messages import array_to_image, stamp_ns
+
+ROOT = Path(__file__).parents[2]
+HEIGHT, WIDTH = 120, 160
+CAMERA = StereoCamera(fx=150.0, fy=150.0, cx=80.0, cy=40.0, baseline_m=0.2)
+CAMERA_HEIGHT_M = 1.0
+N_DISPARITIES = 32
+FRAME_ID = "left_optical"
+
+
+def ground_disparity():
+    """Return the disparity of flat ground, (H, W) float32, 0 above the horizon."""
+    rows = CAMERA.baseline_m / CAMERA_HEIGHT_M * (np.arange(HEIGHT) - CAMERA.cy)
+    return np.repeat(np.maximum(rows, 0)[:, None], WIDTH, axis=1).astype(np.float32)
+
+
+def stereo_pair(seed=0):
+    """Return a left and a right BGR image of textured flat ground."""
+    left = np.random.default_rng(seed).integers(0, 256, (HEIGHT, WIDTH, 3), np.uint8)
+    shifts = np.rint(ground_disparity()[:, 0]).astype(int)
+    right = np.stack([np.roll(row, -shift, axis=0) for row, shift in zip(left, shifts, strict=True)])
+    return left, right
+
+
+def header(stamp):
+    """Return a header; `stamp` in nanoseconds."""
+    return Header(stamp=Time(sec=stamp // 10**9, nanosec=stamp % 10**9), frame_id=FRAME_ID)
+
+
+def image(pixels, stamp):
+    """Return `pixels` as an image with a stamp in nanoseconds."""
+    return array_to_image(pixels, header(stamp))
+
+
+def camera_info(*, right=False, fx=CAMERA.fx, baseline_m=CAMERA.baseline_m):
+    """Return the CameraInfo of one side."""
+    shift = -fx * baseline_m if right else 0.0
+    p = [fx, 0.0, CAMERA.cx, shift, 0.0, fx, CAMERA.cy, 0.0, 0.0, 0.0, 1.0, 0.0]
+    return CameraInfo(header=header(0), height=HEIGHT, width=WIDTH, p=p)
+
+
+class Graph:
+    """Nodes under test beside a node that talks to them, all spun by one executor."""
+
+    def __init__(self, *factories, namespace, settings):
+        overrides = [Parameter(name, value=setting) for name, setting in settings.items()]
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(diagnostics, "PERIOD_S", 0.1)  # the tests wait for diagnostics all the time
+            self.nodes = [factory(namespace=namespace, parameter_overrides=overrides) for factory in factories]
+        self.tester = Node("tester", namespace=namespace)
+        self.received = defaultdict(list)
+        self._publishers = {}
+        self._executor = SingleThreadedExecutor()
+        for node in (*self.nodes, self.tester):
+            self._executor.add_node(node)
+        self.listen(DiagnosticArray, "/diagnostics")
+
+    def close(self):
+        for node in (*self.nodes, self.tester):
+            node.destroy_node()
+        self._executor.shutdown()
+
+    def spin_until(self, predicate, timeout_s=10.0):
+        """Spin until `predicate` holds; fail where it does not in time."""
+        deadline = time.monotonic() + timeout_s
+        while not predicate():
+            assert time.monotonic() < deadline, f"not within {timeout_s} s; received {self.counts()}"
+            self._executor.spin_once(timeout_sec=0.05)
+
+    def counts(self):
+        return {topic: len(messages) for topic, messages in self.received.items()}
+
+    def listen(self, kind, topic):
+        """Subscribe, and wait for the publisher; messages go to `received[topic]`."""
+        qos = QoSProfile(depth=50, reliability=QoSReliabilityPolicy.RELIABLE)
+        subscription = self.tester.create_subscription(kind, topic, self.received[topic].append, qos)
+        if topic != "/diagnostics":
+            self.spin_until(lambda: self.tester.count_publishers(topic) > 0)
+        return subscription
+
+    def publisher(self, kind, topic, n_subscriptions=1):
+        """Return the publisher on a topic, matched with as many subscriptions."""
+        if topic not in self._publishers:
+            self._publishers[topic] = self.tester.create_publisher(kind, topic, QoSProfile(depth=50))
+        publisher = self._publishers[topic]
+        self.spin_until(lambda: publisher.get_subscription_count() >= n_subscriptions)
+        return publisher
+
+    def publish(self, topic, message, n_subscriptions=1):
+        """Publish once that many nodes are there to take it."""
+        self.publisher(type(message), topic, n_subscriptions).publish(message)
+
+    def at(self, topic, stamp):
+        """Wait for the message of a stamp [ns] on a topic, and return it."""
+
+        def matching():
+            return [message for message in self.received[topic] if stamp_ns(message) == stamp]
+
+        self.spin_until(matching)
+        return matching()[0]
+
+    def status(self, node, predicate=lambda status: True):
+        """Wait for a diagnostic status of `node` from now on for which `predicate` holds, and return it."""
+        begin = time.time()
+
+        def matching():
+            arrays = [array for array in self.received["/diagnostics"] if _seconds(array) >= begin]
+            statuses = [item for array in arrays for item in array.status]
+            return [item for item in statuses if item.name.startswith(f"{node}:") and predicate(item)]
+
+        self.spin_until(matching, timeout_s=12.0)
+        return matching()[-1]
+
+
+def _seconds(message):
+    return message.header.stamp.sec + message.header.stamp.nanosec / 1e9
+
+
+def value(status, key):
+    """Return a value of a diagnostic status as a number."""
+    return float(next(item.value for item in status.values if item.key == key))
+
+
+@contextmanager
+def process_starter():
+    """Yield a function that starts a command; at the end, end what runs still."""
+    processes = []
+
+    def start(*command):
+        processes.append(subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=ROOT))
+        return processes[-1]
+
+    yield start
+    for process in processes:
+        if process.poll() is None:
+            process.kill()
+        process.communicate()

@@ -1,0 +1,186 @@
+"""Replaying bags of every format into the nodes, in a process of its own."""
+
+import signal
+import sys
+import time
+
+import pytest
+
+pytest.importorskip("rclpy")
+
+import itertools
+
+from ros_graph import CAMERA, N_DISPARITIES, Graph, process_starter, stereo_pair
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import CameraInfo, Image
+
+from lrtrav_ros.io.bag_frames import write_stereo_bag
+from lrtrav_ros.io.dataset_folder import Frame
+from lrtrav_ros.io.encodings import decode_message
+from lrtrav_ros.io.topics import COMPRESSED_TYPE, IMAGE_TYPE, INFO_TYPE
+from lrtrav_ros.nodes.bag_player import ReplayOptions, published_names
+from lrtrav_ros.nodes.long_range_node import LongRangeNode
+from lrtrav_ros.nodes.messages import stamp_ns
+from lrtrav_ros.nodes.short_range_node import ShortRangeNode
+
+SETTINGS = {"stereo.matcher": "bm", "stereo.n_disparities": N_DISPARITIES, "superpixels.n_superpixels": 40}
+PERIOD_NS = 100_000_000
+START_NS = 1_700_000_000_000_000_000
+STAMPS = [START_NS + i * PERIOD_NS for i in range(5)]
+COMMAND = "import sys; from lrtrav_ros.commands import run; sys.exit(run('replay', sys.argv[1:]))"
+
+
+@pytest.fixture(scope="module")
+def graph(ros):
+    graph = Graph(LongRangeNode, ShortRangeNode, namespace="replay", settings=SETTINGS)
+    graph.listen(Image, "long_range/mask")
+    yield graph
+    graph.close()
+
+
+@pytest.fixture
+def left_images(graph):
+    """Collect the left images that are replayed, and when they came."""
+    received = []
+    subscription = graph.tester.create_subscription(
+        Image, "left/image_rect", lambda message: received.append((stamp_ns(message), time.monotonic(), message)), 50
+    )
+    graph.received["long_range/mask"].clear()
+    yield received
+    graph.tester.destroy_subscription(subscription)
+
+
+def frames():
+    left, right = stereo_pair()
+    return [Frame(name=str(s), left=left, right=right, camera=CAMERA, stamp_ns=s) for s in STAMPS]
+
+
+@pytest.fixture(scope="module")
+def bags(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("bags")
+    paths = {"mcap": folder / "mcap", "sqlite3": folder / "sqlite3", "rosbag1": folder / "ros1.bag"}
+    for name, path in paths.items():
+        write_stereo_bag(path, frames(), format=name)
+    return paths
+
+
+@pytest.fixture
+def start(graph):
+    """Start a replay; end it where the test did not."""
+    with process_starter() as start_command:
+        yield lambda *arguments: start_command(
+            sys.executable, "-c", COMMAND, *map(str, arguments), "--ros-args", "-r", "__ns:=/replay"
+        )
+
+
+def finished(graph, process):
+    """Wait for the end of a process; return exit status, output and errors."""
+    graph.spin_until(lambda: process.poll() is not None, timeout_s=20)
+    return process.returncode, *process.communicate()
+
+
+@pytest.mark.parametrize("name", ["mcap", "sqlite3", "rosbag1"])
+def test_bags_of_every_format_reach_the_nodes(graph, left_images, bags, start, name):
+    status, output, errors = finished(graph, start(bags[name]))
+    assert (status, errors) == (0, "")
+    assert output.startswith("published 20 messages on 4 topics in ")
+    graph.at("long_range/mask", STAMPS[-1])
+    assert [stamp for stamp, _, _ in left_images] == STAMPS
+    assert all((decode_message(message) == stereo_pair()[0]).all() for _, _, message in left_images)
+
+
+def test_a_loop_jumps_back_in_time_and_goes_on_until_a_signal(graph, left_images, bags, start):
+    process = start(bags["mcap"], "--loop", "--clock")
+    clock = []
+    subscription = graph.tester.create_subscription(Clock, "/clock", clock.append, 10)
+
+    def rounds():
+        stamps = [stamp_ns(message) for message in graph.received["long_range/mask"]]
+        return sum(later < earlier for earlier, later in itertools.pairwise(stamps))
+
+    graph.spin_until(lambda: rounds() >= 2 and clock, timeout_s=20)
+    graph.tester.destroy_subscription(subscription)
+    process.send_signal(signal.SIGINT)
+    status, _, errors = finished(graph, process)
+    assert (status, errors) == (0, "")
+    times = [message.clock.sec * 10**9 + message.clock.nanosec for message in clock]
+    assert all(STAMPS[0] <= time_ns <= STAMPS[-1] for time_ns in times)
+
+
+def test_a_part_at_another_rate_under_other_names(graph, left_images, bags, start):
+    infos = []
+    subscription = graph.tester.create_subscription(CameraInfo, "other", infos.append, 10)
+    arguments = ["--start", 0.1, "--duration", 0.3, "--rate", 0.5, "--remap", "/left/camera_info:=other"]
+    status, output, errors = finished(graph, start(bags["mcap"], *arguments))
+    graph.tester.destroy_subscription(subscription)
+    assert (status, errors) == (0, "")
+    assert output.startswith("published 12 messages on 4 topics in ")
+    assert [stamp for stamp, _, _ in left_images] == STAMPS[1:4]
+    assert [stamp_ns(info) for info in infos] == STAMPS[1:4]
+    # Two periods at half the speed take 4 of the bag's; the first image may come late, which shortens them.
+    assert left_images[-1][1] - left_images[0][1] > 1.3 * 2 * PERIOD_NS / 1e9
+
+
+def test_what_can_be_read_of_a_truncated_bag_is_played(graph, bags, start, tmp_path):
+    whole = next(bags["mcap"].glob("*.mcap")).read_bytes()
+    path = tmp_path / "cut.mcap"
+    path.write_bytes(whole[: len(whole) * 2 // 3])
+    status, output, errors = finished(graph, start(path, "--no-wait"))
+    assert status == 0
+    assert "cut.mcap: damaged or not finished" in errors
+    n_published = int(output.split()[1])
+    assert 8 <= n_published < 16
+
+
+@pytest.mark.parametrize(
+    ("arguments", "reason"),
+    [
+        (["nothing.mcap"], "replay: nothing.mcap: there is no such recording"),
+        (["{mcap}", "--rate", "0"], "replay: rate is 0; give a number above 0"),
+        (["{mcap}", "--start", "9"], "lasts 0.400 s; start at 9 s is behind its end"),
+        (["{mcap}", "--remap", "/left"], "replay: --remap /left: write FROM:=TO"),
+        (["{mcap}", "--remap", "/cam0:=elsewhere"], "has no topic '/cam0' to remap; there are /left/camera_info"),
+    ],
+)
+def test_errors_are_one_line(graph, bags, start, arguments, reason):
+    status, output, errors = finished(graph, start(*(argument.format(**bags) for argument in arguments)))
+    assert (status, output, errors.count("\n")) == (1, "", 1)
+    assert reason in errors
+
+
+def test_published_names():
+    types = {
+        "/robot/left/image_raw/compressed": COMPRESSED_TYPE,
+        "/robot/right/image_raw/compressed": COMPRESSED_TYPE,
+        "/robot/left/camera_info": INFO_TYPE,
+        "/robot/right/camera_info": INFO_TYPE,
+        "/tf": "tf2_msgs/msg/TFMessage",
+    }
+    inputs = {
+        "/robot/left/image_raw/compressed": "left/image_rect/compressed",
+        "/robot/right/image_raw/compressed": "right/image_rect/compressed",
+        "/robot/left/camera_info": "left/camera_info",
+        "/robot/right/camera_info": "right/camera_info",
+    }
+    assert published_names(types, ReplayOptions()) == inputs
+    assert published_names(types, ReplayOptions(all_topics=True)) == {**inputs, "/tf": "/tf"}
+    assert published_names(types, ReplayOptions(remap={"/tf": "/old_tf"})) == {**inputs, "/tf": "/old_tf"}
+    assert published_names({"/a": IMAGE_TYPE}, ReplayOptions(remap={"/a": "b"})) == {"/a": "b"}
+    with pytest.raises(ValueError, match="lacks topics for frames"):
+        published_names({"/a": IMAGE_TYPE}, ReplayOptions())
+
+
+def test_a_topic_that_is_remapped_to_an_input_takes_its_part():
+    types = {
+        "/cam0/image": IMAGE_TYPE,
+        "/cam1/image": IMAGE_TYPE,
+        "/cam0/camera_info": INFO_TYPE,
+        "/cam1/camera_info": INFO_TYPE,
+    }
+    remap = {"/cam0/image": "left/image_rect", "/cam1/image": "/right/image_rect"}
+    assert published_names(types, ReplayOptions(remap=remap)) == {
+        "/cam0/image": "left/image_rect",
+        "/cam1/image": "right/image_rect",
+        "/cam0/camera_info": "left/camera_info",
+        "/cam1/camera_info": "right/camera_info",
+    }

@@ -1,0 +1,134 @@
+"""The executables as processes: signals, exit status, errors; and what surrounds them."""
+
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("rclpy")
+
+from diagnostic_msgs.msg import DiagnosticStatus
+from ros_graph import ROOT, Graph, process_starter
+
+from lrtrav_ros.nodes import shared_memory as transport
+
+COMMAND = "import sys; from lrtrav_ros.commands import run; sys.exit(run(sys.argv[1], sys.argv[2:]))"
+FAST = ["-p", "stereo.matcher:=bm"]
+
+
+@pytest.fixture(scope="module")
+def graph(ros):
+    graph = Graph(namespace="process", settings={})
+    yield graph
+    graph.close()
+
+
+@pytest.fixture
+def start():
+    """Start an executable; end it where the test did not."""
+    with process_starter() as start_command:
+        yield lambda name, *ros_args: start_command(
+            sys.executable, "-c", COMMAND, name, "--ros-args", "-r", "__ns:=/process", *ros_args
+        )
+
+
+@pytest.mark.parametrize(
+    ("name", "nodes", "signals"),
+    [
+        ("detector", ["short_range", "long_range"], [signal.SIGINT]),
+        ("short_range_node", ["short_range"], [signal.SIGTERM]),
+        ("long_range_node", ["long_range"], [signal.SIGINT, signal.SIGINT]),
+    ],
+)
+def test_nodes_run_until_a_signal_and_end_well(graph, start, name, nodes, signals):
+    process = start(name, *FAST)
+    graph.received["/diagnostics"].clear()
+
+    def seen():
+        statuses = [status for array in graph.received["/diagnostics"] for status in array.status]
+        return {status.name for status in statuses if status.hardware_id.startswith("/process/")}
+
+    graph.spin_until(lambda: seen() == {f"{node}: frames" for node in nodes}, timeout_s=60)
+    for number in signals:
+        process.send_signal(number)
+    graph.spin_until(lambda: process.poll() is not None, timeout_s=20)
+    _, errors = process.communicate()
+    assert process.returncode == 0
+    assert errors.count("ready") == len(nodes)
+    assert "Traceback" not in errors
+
+
+def test_diagnostics_come_once_a_second(graph, start):
+    start("long_range_node")
+    graph.received["/diagnostics"].clear()
+
+    def arrays():
+        return [
+            array for array in graph.received["/diagnostics"] if array.status[0].hardware_id == "/process/long_range"
+        ]
+
+    graph.spin_until(lambda: len(arrays()) >= 3, timeout_s=60)
+    times = [array.header.stamp.sec + array.header.stamp.nanosec / 1e9 for array in arrays()[:3]]
+    assert times[2] - times[0] == pytest.approx(2.0, abs=0.5)
+    assert arrays()[0].status[0].level == DiagnosticStatus.OK
+
+
+@pytest.mark.parametrize(
+    ("ros_args", "reason"),
+    [
+        (["-p", "stereo.matcher:=magic"], "stereo.matcher is 'magic'; give one of elas, sgbm, bm"),
+        (["-p", "source:=lidar"], "source is 'lidar'; give one of stereo, disparity, depth"),
+        (["--params-file", "nothing.yaml"], "nothing.yaml"),
+    ],
+)
+def test_wrong_parameters_end_with_status_2(start, ros_args, reason):
+    _, errors = (process := start("short_range_node", *ros_args)).communicate(timeout=60)
+    assert process.returncode == 2
+    assert reason in errors.splitlines()[-1]
+    assert "Traceback" not in errors
+
+
+@pytest.mark.parametrize("name", ["detector", "short_range_node", "long_range_node", "replay"])
+def test_help_does_not_import_ros(name):
+    code = "import atexit, sys; atexit.register(lambda: print({'rclpy', 'numpy'} & set(sys.modules))); " + COMMAND
+    result = subprocess.run(
+        [sys.executable, "-c", code, name, "--help"], capture_output=True, cwd=ROOT, text=True, timeout=60, check=False
+    )
+    assert (result.returncode, result.stderr) == (0, "")
+    assert result.stdout.startswith(f"usage: {name}")
+    assert result.stdout.endswith("set()\n")
+
+
+def test_profile_is_used_unless_the_user_has_one(monkeypatch):
+    monkeypatch.setattr(transport, "_has_room", lambda: True)
+    for name in transport._VARIABLES:
+        monkeypatch.delenv(name, raising=False)
+    transport.use_large_segment()
+    assert Path(os.environ["FASTRTPS_DEFAULT_PROFILES_FILE"]) == ROOT / "config" / "fastdds.xml"
+    monkeypatch.setenv("FASTRTPS_DEFAULT_PROFILES_FILE", "mine.xml")
+    transport.use_large_segment()
+    assert os.environ["FASTRTPS_DEFAULT_PROFILES_FILE"] == "mine.xml"
+
+
+def test_small_shared_memory_keeps_the_stock_segment(monkeypatch):
+    monkeypatch.setattr(transport, "_has_room", lambda: False)
+    for name in transport._VARIABLES:
+        monkeypatch.delenv(name, raising=False)
+    transport.use_large_segment()
+    assert not set(transport._VARIABLES) & set(os.environ)
+
+
+def test_launch_file_compiles_and_names_what_there_is():
+    path = ROOT / "launch" / "detector.launch.py"
+    compile(path.read_text(encoding="utf-8"), str(path), "exec")
+
+
+def test_launch_file_describes_the_detector():
+    pytest.importorskip("launch_ros")
+    source = (ROOT / "launch" / "detector.launch.py").read_text(encoding="utf-8")
+    namespace = {}
+    exec(compile(source, "detector.launch.py", "exec"), namespace)
+    assert len(namespace["generate_launch_description"]().entities) == len(namespace["ARGUMENTS"]) + 2
