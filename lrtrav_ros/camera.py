@@ -15,19 +15,22 @@ class StereoCamera:
 
     Parameters
     ----------
-    fx
+    fx : float
         Focal length along rows, in pixels.
-    cx, cy
+    cx, cy : float
         Principal point of the left image, in pixels.
-    baseline_m
+    baseline_m : float
         Distance of the two cameras, in metres.
-    fy
+    fy : float, optional
         Focal length along columns, in pixels; `fx` where it is not given.
+    width, height : int, optional
+        Size in pixels of the images that this calibration is for. Give both, and images of another size are refused;
+        without them any size is taken.
 
     Raises
     ------
     ValueError
-        If a value is not finite, or a focal length or the baseline is not positive.
+        If a value is not finite, a focal length, the baseline or a size is not positive, or only one size is given.
     """
 
     fx: float
@@ -35,6 +38,8 @@ class StereoCamera:
     cy: float
     baseline_m: float
     fy: float = None  # type: ignore[assignment]  # never None once made
+    width: int | None = None
+    height: int | None = None
 
     def __post_init__(self) -> None:
         if self.fy is None:
@@ -45,6 +50,21 @@ class StereoCamera:
                 raise ValueError(f"{name} is {value!r}; give a finite number")
             if name in ("fx", "fy", "baseline_m") and value <= 0:
                 raise ValueError(f"{name} is {value!r}; give a positive number")
+        if (self.width is None) != (self.height is None):
+            raise ValueError(f"width is {self.width!r}, height {self.height!r}; give both or none")
+        for name in ("width", "height"):
+            value = getattr(self, name)
+            if value is not None and (isinstance(value, bool) or not isinstance(value, int) or value <= 0):
+                raise ValueError(f"{name} is {value!r}; give a whole number of pixels")
+
+    def check_size(self, shape: tuple[int, ...]) -> None:
+        """Raise ValueError where an image of this shape, (height, width, ...), is not of the calibrated size."""
+        if self.width is None or self.height is None or shape[:2] == (self.height, self.width):
+            return
+        raise ValueError(
+            f"the calibration is for {self.width} x {self.height} pixels, but the image is {shape[1]} x {shape[0]}; "
+            "calibrate for this size"
+        )
 
     def depth_m(self, disparity: NDArray[np.float32]) -> NDArray[np.float32]:
         """Return the depth of each pixel in metres; 0 where `disparity` (pixels) is 0, which means none."""

@@ -1,24 +1,40 @@
-"""The whole method, stage after stage: stereo pair -> short range -> long range."""
+"""The whole method, stage after stage: frame -> disparity -> short range -> superpixels -> clusters -> long range."""
 
 from __future__ import annotations
 
 import dataclasses
+import enum
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import cast
+from typing import ParamSpec, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lrtrav_ros.camera import StereoCamera
-from lrtrav_ros.config import Config
-from lrtrav_ros.io.encodings import Image, as_8bit, valid_disparity
+from lrtrav_ros.config import Config, GroundConfig
+from lrtrav_ros.frame import Frame, Image, as_8bit
 from lrtrav_ros.method.clustering import spectral_clusters
 from lrtrav_ros.method.extension import extend
 from lrtrav_ros.method.features import superpixel_distances
 from lrtrav_ros.method.ground import ShortRange, detect_ground, traversable_mask
-from lrtrav_ros.method.matching import create_matcher
+from lrtrav_ros.method.matching import Matcher, create_matcher
 from lrtrav_ros.method.superpixels import preemptive_slic
+
+_P = ParamSpec("_P")
+_R = TypeVar("_R")
+
+
+class Stage(enum.Enum):
+    """A stage of the method."""
+
+    MATCHING = "matching"
+    GROUND = "ground"
+    SUPERPIXELS = "superpixels"
+    FEATURES = "features"
+    CLUSTERING = "clustering"
+    EXTENSION = "extension"
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,18 +49,37 @@ class StageTimes:
     extension_ms: float = 0.0
 
 
+class StageRunner:
+    """Runs the stages of one frame, and takes their times."""
+
+    def __init__(self) -> None:
+        self._times_ms = dict.fromkeys(Stage, 0.0)
+
+    def __call__(self, stage: Stage, function: Callable[_P, _R], *args: _P.args, **kwargs: _P.kwargs) -> _R:
+        """Return what `function` returns; the time that it takes counts for `stage`."""
+        start = time.perf_counter()
+        result = function(*args, **kwargs)
+        self._times_ms[stage] += (time.perf_counter() - start) * 1e3
+        return result
+
+    @property
+    def times(self) -> StageTimes:
+        """Time of each stage up to now."""
+        return StageTimes(**{f"{stage.value}_ms": time_ms for stage, time_ms in self._times_ms.items()})
+
+
 @dataclass(frozen=True, slots=True)
 class LongRange:
     """The traversable region to the horizon, in an image of (H, W) pixels.
 
     Attributes
     ----------
-    occupancy
-        uint8 (H, W): 0 free, 100 occupied, 255 unknown.
-    superpixels
-        int32 (H, W), labels 0 .. n - 1.
-    superpixel_clusters
-        int32 (n,), the cluster of each superpixel.
+    occupancy : (H, W) ndarray of uint8
+        0 free, 100 occupied, 255 unknown.
+    superpixels : (H, W) ndarray of int32
+        Labels 0 .. n - 1.
+    superpixel_clusters : (n,) ndarray of int32
+        The cluster of each superpixel.
     """
 
     occupancy: NDArray[np.uint8]
@@ -64,13 +99,132 @@ class LongRange:
 
 @dataclass(frozen=True, slots=True)
 class Detection:
-    """All that the method finds in one frame; `disparity` is float32 (H, W) in pixels, 0 for none."""
+    """All that the method finds in one frame.
 
-    left: NDArray[np.uint8]
-    disparity: NDArray[np.float32]
+    Attributes
+    ----------
+    image : (H, W) or (H, W, 3) ndarray of uint8
+        The left image that it was found in, grey or BGR.
+    short_range : ShortRange
+        Disparity, ground and obstacles.
+    long_range : LongRange
+        The traversable region to the horizon, superpixels and clusters.
+    times : StageTimes
+        Time of each stage.
+    """
+
+    image: NDArray[np.uint8]
     short_range: ShortRange
     long_range: LongRange
     times: StageTimes
+
+    @property
+    def disparity(self) -> NDArray[np.float32]:
+        """Disparity as far as it is trusted (``source.max_depth_m``), float32 (H, W) in pixels, 0 for none."""
+        return self.short_range.disparity
+
+    @property
+    def superpixels(self) -> NDArray[np.int32]:
+        """The superpixel of each pixel, int32 (H, W)."""
+        return self.long_range.superpixels
+
+    @property
+    def clusters(self) -> NDArray[np.int32]:
+        """The cluster of each pixel, int32 (H, W)."""
+        return self.long_range.clusters
+
+
+class ShortRangeDetector:
+    """Finds ground and obstacles as far as disparity is trusted: stereo matching and u-v-disparity.
+
+    Parameters
+    ----------
+    config : Config
+        Of its parts `source`, `stereo`, `elas` and `ground`, and `threads`, are used.
+    matcher : Matcher, optional
+        Used in place of the one that `config` names, to share one among detectors.
+    """
+
+    def __init__(self, config: Config, *, matcher: Matcher | None = None) -> None:
+        self.config = config
+        self._matcher = matcher or create_matcher(config.stereo, config.elas, threads=config.n_threads)
+
+    def detect(self, frame: Frame, run: StageRunner | None = None) -> ShortRange:
+        """Detect ground and obstacles in a frame, which may lack a left image where it brings disparity or depth."""
+        run = run or StageRunner()
+        disparity = self._disparity(frame, run)
+        disparity = run(Stage.GROUND, within_reach, disparity, frame.camera, self.config.source.max_depth_m)
+        return run(Stage.GROUND, detect_ground, disparity, frame.camera, config=self._ground_config(frame))
+
+    def _disparity(self, frame: Frame, run: StageRunner) -> NDArray[np.float32]:
+        """Return the disparity of a frame, from whatever source, however far it goes."""
+        if frame.left is not None and frame.right is not None:
+            return run(Stage.MATCHING, self._matcher.compute, frame.left, frame.right)
+        if frame.depth_m is not None:
+            return run(Stage.MATCHING, frame.camera.disparity, frame.depth_m)
+        assert frame.disparity is not None  # a frame is valid by construction
+        return frame.disparity
+
+    def _ground_config(self, frame: Frame) -> GroundConfig:
+        """Return the settings of the ground for the precision of the frame's source."""
+        config = self.config.ground
+        return dataclasses.replace(config, noise_px=config.depth_noise_px) if frame.source == "depth" else config
+
+
+def within_reach(disparity: NDArray[np.float32], camera: StereoCamera, limit_m: float) -> NDArray[np.float32]:
+    """Return disparity, 0 where it is farther away than a limit.
+
+    Parameters
+    ----------
+    disparity : (H, W) ndarray of float32
+        In pixels, 0 for none.
+    camera : StereoCamera
+        Its calibration.
+    limit_m : float
+        Greatest depth in metres that is kept; 0 for no limit, and then `disparity` itself is returned.
+    """
+    if not limit_m:
+        return disparity
+    return np.where(disparity >= camera.fx * camera.baseline_m / limit_m, disparity, np.float32(0))
+
+
+class LongRangeDetector:
+    """Extends short-range ground to the horizon: superpixels, their clusters, and what the ground in them tells.
+
+    Parameters
+    ----------
+    config : Config
+        Of its parts `superpixels`, `features`, `clustering` and `extension` are used.
+    """
+
+    def __init__(self, config: Config) -> None:
+        self.config = config
+
+    def detect(self, image: Image, occupancy: NDArray[np.uint8], run: StageRunner | None = None) -> LongRange:
+        """Detect the traversable region to the horizon.
+
+        Parameters
+        ----------
+        image : (H, W) or (H, W, 3) ndarray of uint8 or uint16
+            The left image, grey or BGR.
+        occupancy : (H, W) ndarray of uint8
+            Short range: 0 ground, 100 obstacle, 255 unknown.
+        run : StageRunner, optional
+            Takes the times.
+
+        Raises
+        ------
+        ValueError
+            If the two differ in size, or one has another type.
+        """
+        run, config, image = run or StageRunner(), self.config, as_8bit(image)
+        if image.shape[:2] != occupancy.shape:
+            raise ValueError(f"left image is {image.shape[:2]}, occupancy {occupancy.shape}; give images of one size")
+        superpixels = run(Stage.SUPERPIXELS, preemptive_slic, image, config.superpixels)
+        distances = run(Stage.FEATURES, superpixel_distances, image, superpixels, config.features)
+        clusters = run(Stage.CLUSTERING, spectral_clusters, distances, config.clustering)
+        extended = run(Stage.EXTENSION, extend, occupancy, superpixels, clusters, config.extension)
+        return LongRange(extended, superpixels, clusters)
 
 
 class Detector:
@@ -78,10 +232,12 @@ class Detector:
 
     Parameters
     ----------
-    config
+    config : Config
         Settings of all stages.
-    camera
-        Calibration of the rectified pair.
+    camera : StereoCamera
+        Calibration of the rectified pairs that `detect` is given.
+    matcher : Matcher, optional
+        Used in place of the one that `config` names, to share one among detectors.
 
     Examples
     --------
@@ -91,10 +247,11 @@ class Detector:
     dtype('uint8')
     """
 
-    def __init__(self, config: Config, camera: StereoCamera) -> None:
+    def __init__(self, config: Config, camera: StereoCamera, *, matcher: Matcher | None = None) -> None:
         self.config = config
         self.camera = camera
-        self._matcher = create_matcher(config)
+        self.short_range = ShortRangeDetector(config, matcher=matcher)
+        self.long_range = LongRangeDetector(config)
 
     def detect(
         self,
@@ -108,90 +265,32 @@ class Detector:
 
         Parameters
         ----------
-        left
-            BGR (H, W, 3) or grey (H, W), uint8 or uint16.
-        right, disparity, depth_m
-            One of them: the right image, the disparity in pixels, or the depth in metres; the last two float32 (H, W),
-            with 0 for none. What is not finite or negative counts as none.
+        left : (H, W) or (H, W, 3) ndarray of uint8 or uint16
+            Left image, grey or BGR.
+        right : ndarray, optional
+            Right image, of the same shape and type.
+        disparity, depth_m : (H, W) ndarray of float32, optional
+            In place of `right`: disparity in pixels, or depth in metres, with 0 for none. What is negative or not
+            finite counts as none.
 
         Raises
         ------
         ValueError
             If not exactly one of the three is given, or an image does not fit.
         """
-        start = time.perf_counter()
-        disparity = self.disparity_of(left, right, disparity=disparity, depth_m=depth_m)
-        matched = time.perf_counter()
-        short_range = self.short_range(disparity, from_depth=depth_m is not None)
-        ground_ms = _milliseconds_since(matched)
-        long_range, times = self._timed_long_range(left, short_range.occupancy)
-        times = dataclasses.replace(times, matching_ms=(matched - start) * 1e3, ground_ms=ground_ms)
-        return Detection(as_8bit(left), disparity, short_range, long_range, times)
-
-    def disparity_of(
-        self,
-        left: Image,
-        right: Image | None = None,
-        *,
-        disparity: NDArray[np.float32] | None = None,
-        depth_m: NDArray[np.float32] | None = None,
-    ) -> NDArray[np.float32]:
-        """Return a frame's disparity, float32 (H, W) in pixels, 0 for none; takes and raises what `detect` does."""
-        if [right is None, disparity is None, depth_m is None].count(False) != 1:
-            raise ValueError("give exactly one of right, disparity and depth_m")
-        if right is not None:
-            return self.match(left, right)
-        if depth_m is not None:
-            return self.disparity_of_depth(depth_m)
-        return valid_disparity(cast("NDArray[np.float32]", disparity), 0.0)
-
-    def match(self, left: Image, right: Image) -> NDArray[np.float32]:
-        """Return the disparity of the left image, float32 (H, W) in pixels, 0 for none."""
-        return self._matcher.compute(left, right)
-
-    def disparity_of_depth(self, depth_m: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Return a depth image, cut at ``source.max_depth_m``, as disparity of the camera."""
-        return self._within_reach(self.camera.disparity(depth_m))
-
-    def short_range(self, disparity: NDArray[np.float32], *, from_depth: bool = False) -> ShortRange:
-        """Return ground and obstacles up to ``source.max_depth_m``; `from_depth` says that it was depth."""
-        config = self.config.ground
-        if from_depth:
-            config = dataclasses.replace(config, noise_px=config.depth_noise_px)
-        return detect_ground(self._within_reach(disparity), self.camera, config=config)
-
-    def _within_reach(self, disparity: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Return the disparity without what is farther than ``source.max_depth_m``."""
-        limit = self.config.source.max_depth_m
-        if not limit:
-            return disparity
-        return np.where(disparity >= self.camera.fx * self.camera.baseline_m / limit, disparity, np.float32(0))
-
-    def long_range(self, left: Image, occupancy: NDArray[np.uint8]) -> LongRange:
-        """Return the traversable region to the horizon, from the left image and the short range's occupancy."""
-        return self._timed_long_range(left, occupancy)[0]
-
-    def _timed_long_range(self, left: Image, occupancy: NDArray[np.uint8]) -> tuple[LongRange, StageTimes]:
-        left = as_8bit(left)
-        config = self.config
-        if left.shape[:2] != occupancy.shape:
-            raise ValueError(f"left image is {left.shape[:2]}, occupancy {occupancy.shape}; give images of one size")
-        start = time.perf_counter()
-        superpixels = preemptive_slic(left, config.superpixels)
-        segmented = time.perf_counter()
-        distances = superpixel_distances(left, superpixels, config.features)
-        compared = time.perf_counter()
-        clusters = spectral_clusters(distances, config.clustering)
-        clustered = time.perf_counter()
-        extended = extend(occupancy, superpixels, clusters, config.extension)
-        times = StageTimes(
-            superpixels_ms=(segmented - start) * 1e3,
-            features_ms=(compared - segmented) * 1e3,
-            clustering_ms=(clustered - compared) * 1e3,
-            extension_ms=_milliseconds_since(clustered),
+        return self.detect_frame(
+            Frame(camera=self.camera, left=left, right=right, disparity=disparity, depth_m=depth_m)
         )
-        return LongRange(extended, superpixels, clusters), times
 
+    def detect_frame(self, frame: Frame, run: StageRunner | None = None) -> Detection:
+        """Detect short and long range in a frame, which brings its own camera; `run` takes the times.
 
-def _milliseconds_since(start: float) -> float:
-    return (time.perf_counter() - start) * 1e3
+        Raises
+        ------
+        ValueError
+            If the frame has no left image, or one too small for a stage.
+        """
+        run, image = run or StageRunner(), frame.image
+        short_range = self.short_range.detect(frame, run)
+        long_range = self.long_range.detect(image, short_range.occupancy, run)
+        return Detection(image, short_range, long_range, run.times)

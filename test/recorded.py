@@ -9,7 +9,8 @@ from functools import lru_cache
 import numpy as np
 
 from lrtrav_ros.io.dataset_folder import write_calibration, write_frame
-from lrtrav_ros.synthetic.scenes import SceneConfig, render_sequence
+from lrtrav_ros.synthetic.rendering import render_sequence
+from lrtrav_ros.synthetic.scene_config import SceneConfig
 
 SCENE = SceneConfig(seed=3, style="road", n_frames=4, width=208, height=128, baseline_m=0.3, noise=1.0)
 HEIGHT, WIDTH, CAMERA = SCENE.height, SCENE.width, SCENE.camera
@@ -23,12 +24,12 @@ def rendered():
     return tuple(render_sequence(SCENE))
 
 
-def frames(source="stereo", *, gray=False, n=N_FRAMES):
+def frames(source="stereo", *, grey=False, n=N_FRAMES):
     """Return frames that carry one of the sources."""
     result = []
     for item in rendered()[:n]:
         left, right = item.frame.left, item.frame.right
-        if gray:
+        if grey:
             left, right = left[..., 1].copy(), right[..., 1].copy()
         disparity = np.round(item.disparity * 256) / np.float32(256)  # as a file holds it
         depth_m = np.round(CAMERA.depth_m(item.disparity).clip(0, 250) * 256) / np.float32(256)
@@ -42,7 +43,7 @@ def frames(source="stereo", *, gray=False, n=N_FRAMES):
 def write_dataset(folder, frames, *, truth=False, **calibration):
     """Write frames as a dataset folder, with values of its calibration replaced, or left out where they are None."""
     for frame, item in zip(frames, rendered(), strict=False):
-        write_frame(folder, frame, item.truth if truth else None)
+        write_frame(folder, frame, truth=item.truth if truth else None)
     height, width = frames[0].left.shape[:2]
     write_calibration(folder, frames[0].camera, width, height)
     if calibration:

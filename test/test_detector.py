@@ -11,7 +11,10 @@ from recorded import CAMERA, HEIGHT, WIDTH
 
 from lrtrav_ros import Config, Detector
 from lrtrav_ros.camera import StereoCamera
+from lrtrav_ros.detector import LongRangeDetector, ShortRangeDetector, Stage, StageRunner
 from lrtrav_ros.evaluation.scoring.scores import score
+from lrtrav_ros.frame import Frame
+from lrtrav_ros.method.ground import detect_ground
 
 SETTINGS = {"stereo.n_disparities": 64, "superpixels.n_superpixels": 60}
 
@@ -63,11 +66,34 @@ def test_shapes_types_and_values(detector, item):
 
 
 def test_parts_give_what_the_whole_gives(detector, item):
-    whole = detector.detect(item.frame.left, item.frame.right)
-    disparity = detector.match(item.frame.left, item.frame.right)
-    short_range = detector.short_range(disparity)
-    long_range = detector.long_range(item.frame.left, short_range.occupancy)
-    assert same(whole, dataclasses.replace(whole, disparity=disparity, short_range=short_range, long_range=long_range))
+    whole = detector.detect_frame(item.frame)
+    short_range = ShortRangeDetector(detector.config).detect(item.frame)
+    long_range = LongRangeDetector(detector.config).detect(item.frame.left, short_range.occupancy)
+    assert same(whole, dataclasses.replace(whole, short_range=short_range, long_range=long_range))
+    assert whole.superpixels is whole.long_range.superpixels
+    assert np.array_equal(whole.clusters, long_range.clusters)
+
+
+def test_stages_run_in_the_order_of_the_paper(detector, item):
+    class Recording(StageRunner):
+        def __call__(self, stage, function, *args, **kwargs):
+            stages.append(stage)
+            return super().__call__(stage, function, *args, **kwargs)
+
+    stages = []
+    run = Recording()
+    result = detector.detect_frame(item.frame, run)
+    assert list(dict.fromkeys(stages)) == list(Stage)
+    assert result.times == run.times
+
+
+def test_a_frame_without_image_has_short_range_alone(detector, item):
+    frame = Frame(camera=CAMERA, disparity=item.disparity)
+    alone = ShortRangeDetector(detector.config).detect(frame)
+    both = detector.detect(item.frame.left, disparity=item.disparity)
+    assert np.array_equal(alone.occupancy, both.short_range.occupancy)
+    with pytest.raises(ValueError, match="no left image"):
+        detector.detect_frame(frame)
 
 
 def test_detector_keeps_no_state(detector, item):
@@ -90,33 +116,37 @@ def test_depth_is_detected_in_as_disparity_of_its_precision(detector, item):
     result = detector.detect(item.frame.left, depth_m=depth_m)
     np.testing.assert_allclose(result.disparity, item.disparity, rtol=1e-6)
     assert score(result.long_range.mask, item.truth).precision > 0.9
-    short_range = detector.short_range(result.disparity, from_depth=True)
-    assert np.array_equal(result.short_range.occupancy, short_range.occupancy)
+    ground = detector.config.ground
+    as_precise = dataclasses.replace(ground, noise_px=ground.depth_noise_px)
+    assert np.array_equal(
+        result.short_range.occupancy, detect_ground(result.disparity, CAMERA, config=as_precise).occupancy
+    )
 
 
-def test_depth_is_cut_at_the_limit(item):
-    depth_m = CAMERA.depth_m(item.disparity)
-    limited = Detector(Config().updated({**SETTINGS, "source.max_depth_m": 6.0}), CAMERA)
-    result = limited.detect(item.frame.left, depth_m=depth_m)
-    assert not result.disparity[depth_m > 6.0].any()
-    near = (depth_m > 0) & (depth_m <= 6.0)
-    assert np.array_equal(result.disparity > 0, near)
-    assert near.any()
+@pytest.mark.parametrize("source", ["stereo", "disparity", "depth"])
+def test_disparity_of_every_source_is_cut_at_the_limit(source):
+    (frame,) = recorded.frames(source, n=1)
+    whole = Detector(Config().updated(SETTINGS), CAMERA).detect_frame(frame).disparity
+    limited = Detector(Config().updated({**SETTINGS, "source.max_depth_m": 6.0}), CAMERA).detect_frame(frame)
+    near = whole >= CAMERA.fx * CAMERA.baseline_m / 6.0
+    assert 0.1 < near.mean() < 0.9
+    assert np.array_equal(limited.disparity, np.where(near, whole, 0))
+    assert limited.disparity is limited.short_range.disparity
 
 
 @pytest.mark.parametrize("given", [[], ["right", "disparity"], ["disparity", "depth_m"], ["right", "depth_m"]])
 def test_exactly_one_input_is_needed(detector, item, given):
     inputs = {"right": item.frame.right, "disparity": item.disparity, "depth_m": item.disparity}
-    with pytest.raises(ValueError, match="give exactly one of right, disparity and depth_m"):
+    with pytest.raises(ValueError, match="give exactly one of right image, disparity and depth"):
         detector.detect(item.frame.left, **{name: inputs[name] for name in given})
 
 
 @pytest.mark.parametrize("rule", ["area", "evidence"])
-def test_gray_images_are_detected_in(item, rule):
+def test_grey_images_are_detected_in(item, rule):
     detector = Detector(Config().updated({**SETTINGS, "extension.rule": rule}), CAMERA)
     left, right = item.frame.left[..., 1], item.frame.right[..., 1]
     result = detector.detect(left, right)
-    assert result.left.ndim == 2
+    assert result.image.ndim == 2
     assert score(result.long_range.mask, item.truth).recall > 0.8
 
 
@@ -126,8 +156,16 @@ def test_images_of_16_bits_give_what_those_of_8_bits_do(detector, item, shift):
     left[0, 0] = right[0, 0] = 255  # the brightest pixel says how many bits are used
     wide = detector.detect(left.astype(np.uint16) << shift, right.astype(np.uint16) << shift)
     narrow = detector.detect(left, right)
-    assert wide.left.dtype == np.uint8
+    assert wide.image.dtype == np.uint8
     assert same(wide, narrow)
+
+
+def test_a_right_image_that_is_brighter_is_not_clipped(detector, item):
+    left, right = (image[..., 1].astype(np.uint16) for image in (item.frame.left, item.frame.right))
+    brighter = detector.detect(left * 8, right * 16)
+    assert score(brighter.short_range.mask, item.truth).recall > 0.5
+    scaled = detector.detect((left // 2).astype(np.uint8), right.astype(np.uint8))
+    assert np.array_equal(brighter.disparity, scaled.disparity)
 
 
 def test_colour_images_of_16_bits_are_detected_in(detector, item):
@@ -167,7 +205,8 @@ def test_disparity_with_nan_and_infinity_counts_as_none_there(detector, item):
     clean = detector.detect(item.frame.left, disparity=disparity)
     disparity[:, 20:30] = np.nan
     disparity[:, 30:35] = np.inf
-    disparity[:, 35:40] = -1
+    disparity[:, 35:38] = -1
+    disparity[:, 38:40] = 1e30
     dirty = detector.detect(item.frame.left, disparity=disparity)
     assert np.array_equal(clean.short_range.occupancy, dirty.short_range.occupancy)
     assert np.array_equal(clean.long_range.occupancy, dirty.long_range.occupancy)

@@ -1,4 +1,4 @@
-"""Recordings of any rosbag format, ROS 1 or 2, as serialised messages of ROS 2."""
+"""Rosbags of any format, ROS 1 or 2, as serialised messages of ROS 2."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ class BagMessage:
 
     Attributes
     ----------
-    topic, type
+    topic, type : str
         Such as ``/left/image_rect`` and ``sensor_msgs/msg/Image``.
-    time_ns
+    time_ns : int
         When it was received, in nanoseconds.
-    data
+    data : bytes
         The message in CDR, as ROS 2 sends it.
     """
 
@@ -35,14 +35,14 @@ class BagMessage:
     data: bytes
 
 
-class Recording:
+class BagReader:
     """A rosbag that is open for reading: a ``.bag``, ``.mcap`` or ``.db3`` file, or the folder of a ROS 2 bag.
 
     One that was cut off or damaged is read without its index, as far as its messages are intact; `problems` says so.
 
     Parameters
     ----------
-    path
+    path : path
         File or folder; the format is told from the content.
 
     Attributes
@@ -87,7 +87,7 @@ class Recording:
             self._scan()
         self._typestore = _typestore(self._definitions)
 
-    def __enter__(self) -> Recording:
+    def __enter__(self) -> BagReader:
         return self
 
     def __exit__(
@@ -103,20 +103,20 @@ class Recording:
         self._files = []
 
     def messages(
-        self, topics: Collection[str] = (), *, start_ns: int | None = None
+        self, topics: Collection[str] | None = None, *, start_ns: int | None = None
     ) -> Generator[BagMessage, None, None]:
         """Yield the messages in order of time (where the index is lost: in the order of the file).
 
         Parameters
         ----------
-        topics
-            Only these; all by default.
-        start_ns
+        topics : collection of str, optional
+            Only these, thus nothing where it is empty; all by default.
+        start_ns : int, optional
             Only messages at this time or later, in nanoseconds.
         """
         start_ns = start_ns or 0
         done: set[str] = set()  # topics of the messages at the last time
-        wanted = set(topics) or set(self.topics)
+        wanted = set(self.topics if topics is None else topics)
         if self._reader is not None:
             try:
                 for raw in self._indexed(wanted, start_ns):

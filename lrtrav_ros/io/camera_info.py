@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 from lrtrav_ros.camera import StereoCamera
@@ -33,7 +34,7 @@ def depth_camera(left: Any, right: Any | None = None) -> StereoCamera:
 
 
 def disparity_camera(disparity: Any, left: Any) -> StereoCamera:
-    """Return the calibration that a ``stereo_msgs/DisparityImage`` carries; `left` adds the principal point.
+    """Return the calibration that a ``stereo_msgs/DisparityImage`` carries; `left` adds the rest.
 
     Raises
     ------
@@ -45,8 +46,7 @@ def disparity_camera(disparity: Any, left: Any) -> StereoCamera:
             f"the disparity image has f = {disparity.f:g} and t = {disparity.t:g}; "
             "both the focal length [px] and the baseline [m] must be positive"
         )
-    camera = _camera(left, baseline_m=disparity.t)
-    return StereoCamera(fx=disparity.f, fy=camera.fy, cx=camera.cx, cy=camera.cy, baseline_m=disparity.t)
+    return _camera(left, baseline_m=disparity.t, fx=float(disparity.f))
 
 
 def _baseline_m(right: Any) -> float:
@@ -60,10 +60,45 @@ def _baseline_m(right: Any) -> float:
     return -shift / focal_length
 
 
-def _camera(info: Any, *, baseline_m: float) -> StereoCamera:
-    """Return the camera that a projection matrix describes."""
-    fx, cx, fy, cy = (float(info.p[i]) for i in (0, 2, 5, 6))
+@dataclass(frozen=True, slots=True)
+class _Window:
+    """The part of the sensor that images show (ROI), in its pixels, and how many of those make one of theirs."""
+
+    left: int
+    top: int
+    width: int
+    height: int
+    binning_x: int
+    binning_y: int
+
+    @classmethod
+    def of(cls, info: Any) -> _Window:
+        """Return the window of a CameraInfo; a size of 0 is the whole sensor, a binning of 0 none."""
+        roi = info.roi
+        return cls(
+            left=int(roi.x_offset),
+            top=int(roi.y_offset),
+            width=int(roi.width) or int(info.width),
+            height=int(roi.height) or int(info.height),
+            binning_x=max(int(info.binning_x), 1),
+            binning_y=max(int(info.binning_y), 1),
+        )
+
+
+def _camera(info: Any, *, baseline_m: float, fx: float | None = None) -> StereoCamera:
+    """Return the camera that a projection matrix, which is for the whole sensor, describes; `fx` is the images' own."""
+    window = _Window.of(info)
+    p_fx, p_cx, p_fy, p_cy = (float(info.p[i]) for i in (0, 2, 5, 6))
     try:
-        return StereoCamera(fx=fx, fy=fy, cx=cx, cy=cy, baseline_m=float(baseline_m))
+        return StereoCamera(
+            fx=p_fx / window.binning_x if fx is None else fx,
+            fy=p_fy / window.binning_y,
+            cx=(p_cx - window.left) / window.binning_x,
+            cy=(p_cy - window.top) / window.binning_y,
+            baseline_m=float(baseline_m),
+            # CameraInfo of size 0 tells none.
+            width=window.width // window.binning_x or None,
+            height=window.height // window.binning_y or None,
+        )
     except ValueError as err:
         raise ValueError(f"CameraInfo of {info.header.frame_id!r} is not calibrated: {err}") from err

@@ -1,4 +1,4 @@
-"""What is left of a recording that was cut off or damaged: the messages that stand whole in its files."""
+"""Salvage from bags that were cut off or damaged: the messages that are whole in their files."""
 
 from __future__ import annotations
 
@@ -44,9 +44,9 @@ def intact_messages(path: Path, report: Report) -> Iterator[RawMessage]:
 
     Parameters
     ----------
-    path
+    path : Path
         File of a format that `storage_format` knows.
-    report
+    report : callable
         Is called with what is damaged; the file's name stands before it.
     """
     kind = storage_format(path)

@@ -8,11 +8,14 @@ optionally ``gt/NAME.png`` (255 traversable, 0 not traversable, 128 ignored).
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import math
 import os
+import time
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -20,66 +23,50 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lrtrav_ros.camera import StereoCamera
-from lrtrav_ros.io.encodings import (
-    DISPARITY_SCALE,
-    Image,
-    as_8bit,
-    read_disparity,
-    read_image,
-    write_bytes,
-    write_disparity,
-    write_image,
-)
+from lrtrav_ros.frame import SOURCES, Frame
+from lrtrav_ros.io.atomic_files import write_bytes
+from lrtrav_ros.io.image_files import DISPARITY_SCALE, read_disparity, read_image, write_disparity, write_image
 
-SOURCES = ("stereo", "disparity", "depth")
-"""What disparity is made from, in the order of preference."""
-
+_CALIBRATION = ("fx", "fy", "cx", "cy", "baseline_m", "width", "height")
 _SUFFIXES = (".png", ".jpg", ".jpeg")
 _FOLDERS = {"stereo": "right", "disparity": "disparity", "depth": "depth"}
 _MILLIMETRES = 1000.0
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Frame:
-    """What a camera saw at one time: the left image and one of right image, disparity or depth.
+@dataclass(frozen=True, slots=True)
+class FrameFile:
+    """A frame of a dataset folder that is not read yet: a few bytes that any process can read it by.
 
-    Parameters
+    Attributes
     ----------
-    name
-        The file's name without suffix, or the left image's header stamp in nanoseconds.
-    left : (H, W) or (H, W, 3) ndarray of uint8
-        Left image, grey or BGR; those of 16 bits come as `images.as_8bit` makes them, right like left.
-    camera
-        Calibration.
-    right : (H, W) or (H, W, 3) ndarray of uint8, optional
-        Right image, rectified like the left one.
-    disparity : (H, W) ndarray of float32, optional
-        Disparity in pixels, 0 for none.
-    depth_m : (H, W) ndarray of float32, optional
-        Depth in metres, 0 for none.
-    stamp_ns
-        Time of the left image in nanoseconds, where it is known.
+    folder : Path
+        The dataset folder; absolute.
+    source, name : str
+        As `DatasetFolder` takes them.
+    opened_ns : int
+        When the folder was opened. It is listed once for all the frames of one opening.
     """
 
+    folder: Path
+    source: str
     name: str
-    left: NDArray[np.uint8]
-    camera: StereoCamera
-    right: NDArray[np.uint8] | None = None
-    disparity: NDArray[np.float32] | None = None
-    depth_m: NDArray[np.float32] | None = None
-    stamp_ns: int | None = None
+    opened_ns: int
+
+    def read(self) -> Frame:
+        """Read the frame; raises what `DatasetFolder.frame` does."""
+        return _opened_folder(self.folder, self.source, self.opened_ns).frame(self.name)
 
 
-class FolderDataset:
+class DatasetFolder:
     """A dataset folder that is open for reading; files are read when a frame is asked for.
 
     Parameters
     ----------
-    path
+    path : path
         The folder.
-    source
-        Which input frames carry where the folder holds several: ``stereo``, ``disparity`` or ``depth``. Where the
-        folder does not hold it, the first of these that it does.
+    source : str
+        Preferred input of the frames: ``stereo``, ``disparity`` or ``depth``. Where the folder does not hold it, the
+        first of these that it does.
 
     Attributes
     ----------
@@ -127,7 +114,7 @@ class FolderDataset:
         return len(self._left)
 
     def frame(self, name: str) -> Frame:
-        """Read one frame; what is wrong with it says nothing of the others.
+        """Read one frame.
 
         Raises
         ------
@@ -137,18 +124,21 @@ class FolderDataset:
             If a file of it cannot be used; the message names file and remedy.
         """
         left = read_image(_file(self._left, name, self.path / "left"))
-        calibration = _read_calibration(self._calibration_path(name), left.shape)
+        calibration = _read_calibration(self._calibration_path(name))
         path = _file(self._input, name, self.path / _FOLDERS[self.source])
         right = disparity = depth_m = None
         if self.source == "stereo":
-            right = as_8bit(_of_size(read_image(path), left, path), like=left)
+            right = read_image(path)
         elif self.source == "disparity":
-            disparity = _of_size(read_disparity(path), left, path)
+            disparity = read_disparity(path)
         else:
-            depth_m = _of_size(read_disparity(path, scale=calibration.depth_scale), left, path)
-        return Frame(
-            name=name, left=as_8bit(left), camera=calibration.camera, right=right, disparity=disparity, depth_m=depth_m
-        )
+            depth_m = read_disparity(path, scale=calibration.depth_scale)
+        try:
+            return Frame(
+                name=name, left=left, camera=calibration.camera, right=right, disparity=disparity, depth_m=depth_m
+            )
+        except ValueError as err:
+            raise ValueError(f"{path}: {err}") from err
 
     def frames(self) -> Iterator[Frame]:
         """Yield the frames in the order of their names; those that cannot be used are skipped, see `problems`."""
@@ -160,6 +150,12 @@ class FolderDataset:
                 self.problems.append(f"skipped {err}")
             else:
                 yield frame
+
+    def items(self) -> Iterator[FrameFile]:
+        """Yield all frames in the order of their names, without reading them."""
+        opened_ns = time.time_ns()
+        for name in self.names:
+            yield FrameFile(self.path.absolute(), self.source, name, opened_ns)
 
     def truth(self, name: str) -> NDArray[np.uint8] | None:
         """Read a frame's ground truth: (H, W), 255 traversable, 0 not, 128 ignored; None where there is none.
@@ -185,47 +181,59 @@ class FolderDataset:
         return own if own.exists() or not (self.path / "calib.json").exists() else self.path / "calib.json"
 
 
-def write_frame(folder: str | os.PathLike[str], frame: Frame, truth: NDArray[np.uint8] | None = None) -> None:
+@lru_cache(maxsize=4)
+def _opened_folder(folder: Path, source: str, opened_ns: int) -> DatasetFolder:
+    return DatasetFolder(folder, source=source)
+
+
+def write_frame(
+    folder: str | os.PathLike[str],
+    frame: Frame,
+    *,
+    truth: NDArray[np.uint8] | None = None,
+    disparity: NDArray[np.float32] | None = None,
+) -> None:
     """Write the images of a frame into a dataset folder, as PNG.
 
     Disparity and depth are rounded to 1/256 pixel and metre; `write_calibration` says so to readers.
+
+    Parameters
+    ----------
+    folder : path
+        Missing folders are made.
+    frame : Frame
+        All that it holds is written.
+    truth : (H, W) ndarray of uint8, optional
+        Ground truth: 255 traversable, 0 not, 128 ignored.
+    disparity : (H, W) ndarray of float32, optional
+        Known disparity in pixels, beside what the frame holds.
     """
     folder, file = Path(folder), f"{frame.name}.png"
-    write_image(folder / "left" / file, frame.left)
-    if frame.right is not None:
-        write_image(folder / "right" / file, frame.right)
-    if frame.disparity is not None:
-        write_disparity(folder / "disparity" / file, frame.disparity)
-    if frame.depth_m is not None:
-        write_disparity(folder / "depth" / file, frame.depth_m)
-    if truth is not None:
-        write_image(folder / "gt" / file, truth)
+    disparity = frame.disparity if disparity is None else disparity
+    for name, image in (("left", frame.left), ("right", frame.right), ("gt", truth)):
+        if image is not None:
+            write_image(folder / name / file, image)
+    for name, values in (("disparity", disparity), ("depth", frame.depth_m)):
+        if values is not None:
+            write_disparity(folder / name / file, values)
 
 
 def write_calibration(folder: str | os.PathLike[str], camera: StereoCamera, width: int, height: int) -> None:
     """Write ``calib.json`` of a dataset folder whose images have `width` x `height` pixels."""
-    values = {
-        "fx": camera.fx,
-        "fy": camera.fy,
-        "cx": camera.cx,
-        "cy": camera.cy,
-        "baseline_m": camera.baseline_m,
-        "width": width,
-        "height": height,
-        "depth_scale": DISPARITY_SCALE,
-    }
+    camera = dataclasses.replace(camera, width=width, height=height)
+    values = {**{key: getattr(camera, key) for key in _CALIBRATION}, "depth_scale": DISPARITY_SCALE}
     write_bytes(Path(folder) / "calib.json", (json.dumps(values, indent=1) + "\n").encode())
 
 
-def read_camera(path: Path, shape: tuple[int, ...]) -> StereoCamera:
-    """Read a calibration for images of `shape`, as `FolderDataset` does.
+def read_camera(path: Path) -> StereoCamera:
+    """Read a calibration, as `DatasetFolder` does.
 
     Raises
     ------
     OSError, ValueError
-        If it cannot be read, or does not fit; the message names the file.
+        If it cannot be read; the message names the file.
     """
-    return _read_calibration(path, shape).camera
+    return _read_calibration(path).camera
 
 
 @dataclass(frozen=True, slots=True)
@@ -236,8 +244,8 @@ class _Calibration:
     depth_scale: float
 
 
-def _read_calibration(path: Path, shape: tuple[int, ...]) -> _Calibration:
-    """Return the checked calibration for images of `shape`."""
+def _read_calibration(path: Path) -> _Calibration:
+    """Return the checked calibration."""
     try:
         values = json.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
@@ -247,20 +255,17 @@ def _read_calibration(path: Path, shape: tuple[int, ...]) -> _Calibration:
     if not isinstance(values, Mapping):
         raise ValueError(f"{path}: is no JSON object; give fx, fy, cx, cy, baseline_m, width, height")
     try:
-        return _calibration(values, shape)
+        return _calibration(values)
     except ValueError as err:
         raise ValueError(f"{path}: {err}") from err
 
 
-def _calibration(values: Mapping[str, Any], shape: tuple[int, ...]) -> _Calibration:
+def _calibration(values: Mapping[str, Any]) -> _Calibration:
     """Return the calibration; raises ValueError that names the field."""
-    for key in ("fx", "fy", "cx", "cy", "baseline_m", "width", "height"):
+    for key in _CALIBRATION:
         if key not in values:
             raise ValueError(f"{key} is missing")
-    for key, pixels in (("width", shape[1]), ("height", shape[0])):
-        if values[key] != pixels:
-            raise ValueError(f"{key} is {values[key]!r}, but the left image's is {pixels}; calibrate for this size")
-    camera = StereoCamera(**{key: values[key] for key in ("fx", "fy", "cx", "cy", "baseline_m")})
+    camera = StereoCamera(**{key: values[key] for key in _CALIBRATION})
     scale = values.get("depth_scale", _MILLIMETRES)
     if isinstance(scale, bool) or not isinstance(scale, (int, float)) or not 0 < scale < math.inf:
         raise ValueError(f"depth_scale is {scale!r}; give a positive number")
@@ -283,11 +288,3 @@ def _file(images: Mapping[str, Path], name: str, folder: Path) -> Path:
     if name not in images:
         raise FileNotFoundError(f"{folder / name}: there is no such image (.png, .jpg, .jpeg)")
     return images[name]
-
-
-def _of_size(image: Image, left: Image, path: Path) -> Image:
-    """Return `image`, which must have the size of the left one."""
-    if image.shape[:2] != left.shape[:2]:
-        size, wanted = (f"{shape[1]} x {shape[0]}" for shape in (image.shape, left.shape))
-        raise ValueError(f"{path}: is {size} pixels, but the left image is {wanted}; give images of one size")
-    return image

@@ -1,24 +1,23 @@
-"""Image encodings and image files: from the bytes of a message or file to an array, and back."""
+"""Image encodings: from the bytes of an image message to an array, and back."""
 
 from __future__ import annotations
 
-import contextlib
-import os
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, TypeAlias
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-Image: TypeAlias = NDArray[Any]
+from lrtrav_ros.frame import Image
+from lrtrav_ros.io.image_files import decode_file
+
 Buffer: TypeAlias = bytes | bytearray | memoryview | NDArray[np.uint8]
 
 
 @dataclass(frozen=True, slots=True)
 class _Encoding:
-    """How the pixels of one encoding lie in memory, and the OpenCV code that makes them grey or BGR."""
+    """Layout of the pixels of one encoding, and the OpenCV code that makes them grey or BGR."""
 
     dtype: str
     channels: int = 1
@@ -48,9 +47,6 @@ _ENCODINGS = {
 }
 ENCODINGS = tuple(_ENCODINGS)
 
-DISPARITY_SCALE = 256.0
-"""Disparity files hold 16-bit integers: disparity in pixels times this, 0 for none."""
-
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class EncodedImage:
@@ -70,15 +66,15 @@ def decode_image(
 
     Parameters
     ----------
-    data
+    data : bytes-like
         Bytes of the image, at least ``step * height``.
-    encoding
+    encoding : str
         One of `ENCODINGS`.
-    height, width
+    height, width : int
         Size in pixels.
-    step
+    step : int
         Length of a row in bytes, padding included.
-    is_bigendian
+    is_bigendian : bool
         Whether the most significant byte of 16- and 32-bit pixels comes first.
 
     Returns
@@ -141,9 +137,9 @@ def decode_compressed(data: Buffer, format: str) -> Image:  # noqa: A002 - the f
 
     Parameters
     ----------
-    data
+    data : bytes-like
         A JPEG or PNG file; after 12 bytes of header where `format` says ``compressedDepth``.
-    format
+    format : str
         As image_transport writes it: ``jpeg``, ``png``, ``rgb8; jpeg compressed bgr8``, ``16UC1; compressedDepth``.
 
     Returns
@@ -159,7 +155,7 @@ def decode_compressed(data: Buffer, format: str) -> Image:  # noqa: A002 - the f
     encoding, _, compression = (part.strip() for part in format.partition(";"))
     if "compressedDepth" in format:
         return _decode_compressed_depth(bytes(data), encoding)
-    image = _decode_file(bytes(data), f"compressed image of format {format!r}")
+    image = decode_file(bytes(data), f"compressed image of format {format!r}")
     pixel = _ENCODINGS.get(encoding)
     if image.ndim == 2 and pixel is not None and encoding.startswith("bayer_"):
         return cv2.cvtColor(image, pixel.conversion)
@@ -172,7 +168,7 @@ def _decode_compressed_depth(data: bytes, encoding: str) -> Image:
     header, file = data[:12], data[12:]
     if len(header) < 12 or encoding not in ("16UC1", "32FC1"):
         raise ValueError(f"compressed depth of encoding {encoding!r} and {len(data)} bytes; give 16UC1 or 32FC1 as PNG")
-    image = _decode_file(file, "compressed depth (RVL is not supported; use png)")
+    image = decode_file(file, "compressed depth (RVL is not supported; use png)")
     if encoding == "16UC1":
         return image
     scale, offset = np.frombuffer(header, "<f4", offset=4)
@@ -205,179 +201,3 @@ def encode_image(image: Image) -> EncodedImage:
     height, width = image.shape[:2]
     data = little.reshape(-1).view(np.uint8)
     return EncodedImage(encoding=name, height=height, width=width, step=data.size // height, data=data)
-
-
-def as_8bit(image: Image, *, like: Image | None = None) -> NDArray[np.uint8]:
-    """Return a grey or colour image with 8 bits per channel.
-
-    A camera of 10 or 12 bits fills only a part of its 16: the significant bits of the brightest pixel are kept, so that
-    the result is `image` divided by a power of two, 1 .. 256. No pixel is scaled up.
-
-    Parameters
-    ----------
-    image : (H, W) or (H, W, 3) ndarray of uint8 or uint16
-    like
-        The image whose brightest pixel counts; `image` itself by default. Give the left image with the right one, so
-        that both are scaled alike; what is brighter is cut to 255.
-
-    Raises
-    ------
-    ValueError
-        If the image has another type.
-    """
-    if image.dtype == np.uint8:
-        return image
-    if image.dtype != np.uint16:
-        raise ValueError(f"image has type {image.dtype}; give uint8 or uint16")
-    bits = int((image if like is None else like).max()).bit_length()
-    return np.minimum(image >> max(bits - 8, 0), 255).astype(np.uint8)
-
-
-def depth_in_metres(image: Image) -> NDArray[np.float32]:
-    """Return a depth image (uint16 in millimetres, float32 in metres) as metres, 0 where there is no depth.
-
-    Raises
-    ------
-    ValueError
-        If the image is not (H, W) of uint16 or float32.
-    """
-    if image.ndim != 2 or image.dtype not in (np.uint16, np.float32):
-        raise ValueError(f"depth image has shape {image.shape} and type {image.dtype}; give 16UC1 [mm] or 32FC1 [m]")
-    if image.dtype == np.uint16:
-        return image.astype(np.float32) / np.float32(1000)
-    return np.where(np.isfinite(image) & (image > 0), image, np.float32(0))
-
-
-def valid_disparity(image: Image, min_disparity: float) -> NDArray[np.float32]:
-    """Return the image of a ``stereo_msgs/DisparityImage`` (H, W) as disparity in pixels, 0 where there is none.
-
-    Pixels below `min_disparity` are invalid, and so are those that are not finite or not positive.
-
-    Raises
-    ------
-    ValueError
-        If the image is not (H, W) of float32.
-    """
-    if image.ndim != 2 or image.dtype != np.float32:
-        raise ValueError(f"disparity image has shape {image.shape} and type {image.dtype}; give 32FC1")
-    valid = np.isfinite(image) & (image > 0) & (image >= min_disparity)
-    return np.where(valid, image, np.float32(0))
-
-
-def read_image(path: str | os.PathLike[str]) -> Image:
-    """Return the image in a file, as it is stored but for an alpha channel, which is dropped.
-
-    Returns
-    -------
-    (H, W) or (H, W, 3) ndarray of uint8 or uint16
-        Grey or BGR.
-
-    Raises
-    ------
-    FileNotFoundError
-        If there is no such file.
-    ValueError
-        If the file holds no whole image of 8 or 16 bits per channel.
-    """
-    return _decode_file(Path(path).read_bytes(), str(path))
-
-
-def write_image(path: str | os.PathLike[str], image: Image) -> None:
-    """Write an image in the format of the path's suffix, and never a part of one: see `write_bytes`.
-
-    Parameters
-    ----------
-    path
-        ``.png`` (uint8 or uint16) or ``.jpg`` (uint8); missing folders are made.
-    image : (H, W) or (H, W, 3) ndarray
-        Grey or BGR.
-
-    Raises
-    ------
-    ValueError
-        If the format cannot hold the image.
-    """
-    write_bytes(path, encode_file(path, image))
-
-
-def encode_file(path: str | os.PathLike[str], image: Image) -> bytes:
-    """Return the bytes of the file that `write_image` writes.
-
-    Raises
-    ------
-    ValueError
-        If the format cannot hold the image.
-    """
-    path = Path(path)
-    known = {".png": ("uint8", "uint16"), ".jpg": ("uint8",), ".jpeg": ("uint8",)}.get(path.suffix.lower(), ())
-    if image.dtype.name not in known or image.ndim not in (2, 3):
-        raise ValueError(
-            f"{path}: an image of shape {image.shape} and type {image.dtype} does not fit this file name; "
-            "give .png with uint8 or uint16, or .jpg with uint8"
-        )
-    return bytes(cv2.imencode(path.suffix.lower(), image)[1].tobytes())
-
-
-def read_disparity(path: str | os.PathLike[str], *, scale: float = DISPARITY_SCALE) -> NDArray[np.float32]:
-    """Return the (H, W) disparity in pixels (or another quantity that was multiplied by `scale`) of a 16-bit file.
-
-    Raises
-    ------
-    FileNotFoundError
-        If there is no such file.
-    ValueError
-        If it is not a grey image of 16 bits.
-    """
-    image = read_image(path)
-    if image.dtype != np.uint16 or image.ndim != 2:
-        raise ValueError(f"{path}: has shape {image.shape} and type {image.dtype}; give a grey PNG of 16 bits")
-    return image.astype(np.float32) / np.float32(scale)
-
-
-def write_disparity(path: str | os.PathLike[str], disparity: NDArray[np.float32]) -> None:
-    """Write an (H, W) disparity in pixels (or depth in metres) as 16-bit PNG: see `scaled_disparity`."""
-    write_image(path, scaled_disparity(disparity))
-
-
-def scaled_disparity(disparity: NDArray[np.float32]) -> NDArray[np.uint16]:
-    """Return disparity in pixels (or depth in metres) times 256, as files hold it; what exceeds 16 bits is 65535."""
-    scaled = np.rint(np.nan_to_num(disparity, posinf=0, neginf=0) * DISPARITY_SCALE)
-    return np.clip(scaled, 0, 65535).astype(np.uint16)
-
-
-def write_bytes(path: str | os.PathLike[str], data: bytes) -> None:
-    """Write a file under a temporary name beside it, then give it its name: a finished file is never half replaced."""
-    path = Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-    try:
-        temporary.write_bytes(data)
-        temporary.replace(path)
-    finally:
-        temporary.unlink(missing_ok=True)
-
-
-def _decode_file(data: bytes, name: str) -> Image:
-    """Return the grey or BGR image of a file's bytes; `name` stands in messages."""
-    image = None
-    if _is_whole(data):
-        with contextlib.suppress(cv2.error):
-            image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
-    if image is None:
-        raise ValueError(f"{name}: {len(data)} bytes that cannot be read as an image; give a whole PNG or JPEG")
-    if image.ndim == 3 and image.shape[2] == 4:
-        image = cv2.cvtColor(image, cv2.COLOR_BGRA2BGR)
-    if image.dtype not in (np.uint8, np.uint16) or (image.ndim == 3 and image.shape[2] != 3):
-        raise ValueError(
-            f"{name}: image of shape {image.shape} and type {image.dtype}; give grey or colour, 8 or 16 bits"
-        )
-    return image
-
-
-def _is_whole(data: bytes) -> bool:
-    """Whether a JPEG or PNG has its end: OpenCV fills the missing rest of one that is cut off with grey."""
-    if data.startswith(b"\x89PNG"):
-        return data.rfind(b"IEND") > 0
-    if data.startswith(b"\xff\xd8"):
-        return data.rfind(b"\xff\xd9") > data.rfind(b"\xff\xda")
-    return bool(data)

@@ -1,96 +1,132 @@
-"""Pairing of the messages of two topics by their header stamps."""
+"""Pairing of the messages of two topics by their header stamps, the same for bags and nodes."""
 
 from __future__ import annotations
 
 import time
-from collections import deque
 from dataclasses import dataclass, field
 from typing import Generic, TypeVar
 
-First = TypeVar("First")
-Second = TypeVar("Second")
-Item = TypeVar("Item")
+CAPACITY = 16
+"""Largest number of images of a side that wait for a partner: half a second at 30 Hz."""
+
+_First = TypeVar("_First")
+_Second = TypeVar("_Second")
+_Item = TypeVar("_Item")
 
 
 @dataclass(slots=True)
-class Side(Generic[Item]):
-    """One of the two topics: the messages that wait for a partner, oldest first, and what is known of the topic."""
+class TopicQueue(Generic[_Item]):
+    """The messages of one topic that wait for a partner, and the counts of the topic.
+
+    A message waits until its partner comes or newer arrivals push it out: one that is late, or a jump back in time as
+    of a looped bag, changes nothing for the others.
+
+    Attributes
+    ----------
+    topic : str
+        Name of the topic.
+    capacity : int
+        Largest number of messages that wait.
+    received : int
+        Messages that came.
+    last_stamp_ns, last_paired_ns : int, optional
+        Stamps of the last message and of the last that was paired; None before the first.
+    waiting : dict of int to message
+        By stamp in nanoseconds, in order of arrival.
+    """
 
     topic: str
-    capacity: int
+    capacity: int = CAPACITY
     received: int = 0
-    unpaired: int = 0
     last_stamp_ns: int | None = None
-    waiting: deque[tuple[int, Item]] = field(default_factory=deque)
+    last_paired_ns: int | None = None
+    waiting: dict[int, _Item] = field(default_factory=dict)
+    _pushed_out: int = 0
 
-    def add(self, stamp_ns: int, item: Item) -> None:
-        """Let a message wait; where time jumps back (a looped bag), those from before the jump go."""
-        if self.last_stamp_ns is not None and stamp_ns < self.last_stamp_ns:
-            self.unpaired += len(self.waiting)
-            self.waiting.clear()
+    def add(self, stamp_ns: int, item: _Item) -> None:
+        """Let a message wait; it takes the place of an earlier one with its stamp."""
         self.received += 1
         self.last_stamp_ns = stamp_ns
-        self.waiting.append((stamp_ns, item))
+        self._pushed_out += self.waiting.pop(stamp_ns, None) is not None
+        self.waiting[stamp_ns] = item
         if len(self.waiting) > self.capacity:
-            self.waiting.popleft()
-            self.unpaired += 1
+            del self.waiting[next(iter(self.waiting))]
+            self._pushed_out += 1
+
+    def take(self, stamp_ns: int) -> _Item:
+        """Return the message of this stamp, which is paired now."""
+        self.last_paired_ns = stamp_ns
+        return self.waiting.pop(stamp_ns)
+
+    @property
+    def unpaired(self) -> int:
+        """Messages that were pushed out, or wait although a later one is paired."""
+        if self.last_paired_ns is None:
+            return self._pushed_out
+        return self._pushed_out + sum(stamp < self.last_paired_ns for stamp in self.waiting)
 
     def nearest(self, stamp_ns: int) -> int | None:
-        """Return the stamp [ns] nearest to `stamp_ns` among the messages that wait, None where none does."""
-        return min((stamp for stamp, _ in self.waiting), key=lambda stamp: abs(stamp - stamp_ns), default=None)
-
-    def take(self, stamp_ns: int) -> Item:
-        """Return the message of this stamp, and drop it and those before it; they are too late to pair."""
-        while True:
-            stamp, item = self.waiting.popleft()
-            if stamp == stamp_ns:
-                return item
-            self.unpaired += 1
+        """Return the stamp [ns] nearest to `stamp_ns` among the messages that wait; None where none does."""
+        return min(self.waiting, key=lambda stamp: abs(stamp - stamp_ns), default=None)
 
     def __str__(self) -> str:
         stamp = "none yet" if self.last_stamp_ns is None else f"last stamp {self.last_stamp_ns / 1e9:.6f}"
         return f"{self.topic}: {self.received} received, {stamp}"
 
 
-class Pairing(Generic[First, Second]):
+class StampPairing(Generic[_First, _Second]):
     """Pairs messages of two topics whose stamps differ by no more than a tolerance; both queues are bounded.
+
+    A message is paired at once with the one nearest to it in time among those of the other topic that wait, so that
+    the same sequence of messages gives the same pairs wherever it comes from.
 
     Parameters
     ----------
-    first, second
-        Names of the topics, and how many messages of each may wait for a partner.
+    first, second : TopicQueue
+        The two topics.
+
+    Attributes
+    ----------
+    n_pairs : int
+        Pairs up to now.
     """
 
-    def __init__(self, first: tuple[str, int], second: tuple[str, int]) -> None:
-        self.first: Side[First] = Side(*first)
-        self.second: Side[Second] = Side(*second)
+    def __init__(self, first: TopicQueue[_First], second: TopicQueue[_Second]) -> None:
+        self.first = first
+        self.second = second
+        self.n_pairs = 0
         self._progress_s = time.monotonic()
-        self._lonely = 0
+        self._n_since_pair = 0
         self._difference_ns: int | None = None
 
-    def add_first(self, stamp_ns: int, item: First, *, tolerance_ns: int) -> tuple[First, Second] | None:
+    def add_first(self, stamp_ns: int, item: _First, *, tolerance_ns: int) -> tuple[_First, _Second] | None:
         """Take a message of the first topic; return the pair that it completes, if any."""
+        partner_ns = self._partner(self.second, stamp_ns, tolerance_ns)
         self.first.add(stamp_ns, item)
-        partner = self._partner(self.second, stamp_ns, tolerance_ns)
-        return None if partner is None else (self.first.take(stamp_ns), self.second.take(partner))
-
-    def add_second(self, stamp_ns: int, item: Second, *, tolerance_ns: int) -> tuple[First, Second] | None:
-        """Take a message of the second topic; return the pair that it completes, if any."""
-        self.second.add(stamp_ns, item)
-        partner = self._partner(self.first, stamp_ns, tolerance_ns)
-        return None if partner is None else (self.first.take(partner), self.second.take(stamp_ns))
-
-    def _partner(self, other: Side[Item], stamp_ns: int, tolerance_ns: int) -> int | None:
-        """Return the stamp of the message to pair with, and note how near the two topics came."""
-        nearest = other.nearest(stamp_ns)
-        self._lonely += 1
-        if nearest is None:
+        if partner_ns is None:
             return None
-        difference = abs(nearest - stamp_ns)
-        if difference <= tolerance_ns:
-            self._progress_s, self._lonely, self._difference_ns = time.monotonic(), 0, None
-            return nearest
-        self._difference_ns = min(difference, self._difference_ns or difference)
+        return self.first.take(stamp_ns), self.second.take(partner_ns)
+
+    def add_second(self, stamp_ns: int, item: _Second, *, tolerance_ns: int) -> tuple[_First, _Second] | None:
+        """Take a message of the second topic; return the pair that it completes, if any."""
+        partner_ns = self._partner(self.first, stamp_ns, tolerance_ns)
+        self.second.add(stamp_ns, item)
+        if partner_ns is None:
+            return None
+        return self.first.take(partner_ns), self.second.take(stamp_ns)
+
+    def _partner(self, other: TopicQueue[_Item], stamp_ns: int, tolerance_ns: int) -> int | None:
+        """Return the stamp of the message to pair with, and note how near the two topics came."""
+        nearest_ns = other.nearest(stamp_ns)
+        self._n_since_pair += 1
+        if nearest_ns is None:
+            return None
+        difference_ns = abs(nearest_ns - stamp_ns)
+        if difference_ns <= tolerance_ns:
+            self.n_pairs += 1
+            self._progress_s, self._n_since_pair, self._difference_ns = time.monotonic(), 0, None
+            return nearest_ns
+        self._difference_ns = min(difference_ns, self._difference_ns or difference_ns)
         return None
 
     @property
@@ -98,10 +134,25 @@ class Pairing(Generic[First, Second]):
         """Seconds since the last pair, or since the start."""
         return time.monotonic() - self._progress_s
 
-    def reason(self, *, tolerance_ns: int) -> str:
-        """Return why there is no pair: both topics, how many messages came, their last stamps, the least difference."""
-        missing = "pairs" if self._lonely else "messages"
+    def silence(self, *, tolerance_ns: int) -> str:
+        """Return why there is no pair now: both topics, their counts and last stamps, and the least difference."""
+        missing = "pairs" if self._n_since_pair else "messages"
         text = f"no {missing} for {self.idle_s:.0f} s; {self.first}; {self.second}"
-        if self._difference_ns is not None:
-            text += f"; stamps differ by at least {self._difference_ns / 1e9:g} s, allowed are {tolerance_ns / 1e9:g} s"
-        return text
+        return f"{text}{self._least_difference(tolerance_ns)}"
+
+    def losses(self, *, tolerance_ns: int) -> str:
+        """Return how many messages found no partner up to now; empty where all did."""
+        queues = (self.first, self.second)
+        if all(queue.received == self.n_pairs for queue in queues):
+            return ""
+        texts = [
+            f"{queue.topic}: {queue.received - self.n_pairs} of {queue.received} without partner"
+            + (f", last stamp {queue.last_stamp_ns} ns" if queue.received else "")
+            for queue in queues
+        ]
+        return f"{'; '.join(texts)} (stamps may differ by {tolerance_ns / 1e9:g} s)"
+
+    def _least_difference(self, tolerance_ns: int) -> str:
+        if self._difference_ns is None:
+            return ""
+        return f"; stamps differ by at least {self._difference_ns / 1e9:g} s, allowed are {tolerance_ns / 1e9:g} s"

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -25,10 +27,10 @@ def overlay(
 
     Parameters
     ----------
-    left
-        BGR (H, W, 3) or grey (H, W).
-    short_range, long_range
-        Occupancy of either range, uint8 (H, W).
+    left : (H, W) or (H, W, 3) ndarray of uint8
+        Left image, BGR or grey.
+    short_range, long_range : (H, W) ndarray of uint8
+        Occupancy of either range: 0 ground or free, 100 obstacle, 255 unknown.
     """
     picture = colour_image(left)
     _tint(picture, short_range == OBSTACLE, _OBSTACLE_COLOUR, 0.3)
@@ -42,7 +44,7 @@ def colour_image(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
     return cv2.cvtColor(image, cv2.COLOR_GRAY2BGR) if image.ndim == 2 else image.copy()
 
 
-def superpixel_picture(left: NDArray[np.uint8], superpixels: NDArray[np.integer]) -> NDArray[np.uint8]:
+def superpixel_picture(left: NDArray[np.uint8], superpixels: NDArray[np.integer[Any]]) -> NDArray[np.uint8]:
     """Return the left image with the borders of the superpixels."""
     picture = colour_image(left)
     border = np.zeros(superpixels.shape, np.bool_)
@@ -52,7 +54,7 @@ def superpixel_picture(left: NDArray[np.uint8], superpixels: NDArray[np.integer]
     return picture
 
 
-def label_picture(labels: NDArray[np.integer]) -> NDArray[np.uint8]:
+def label_picture(labels: NDArray[np.integer[Any]]) -> NDArray[np.uint8]:
     """Return each label in a colour of its own; neighbouring numbers differ clearly."""
     hue = (np.arange(int(labels.max()) + 1) * 0.618034 % 1 * 180).astype(np.uint8)
     hsv = np.stack([hue, np.full_like(hue, 150), np.full_like(hue, 230)], axis=-1)
@@ -67,14 +69,14 @@ def disparity_picture(disparity: NDArray[np.float32]) -> NDArray[np.uint8]:
     return picture
 
 
-def histogram_picture(histogram: NDArray[np.integer]) -> NDArray[np.uint8]:
+def histogram_picture(histogram: NDArray[np.integer[Any]]) -> NDArray[np.uint8]:
     """Return a u- or v-disparity; its counts are shown by their logarithm."""
     logarithm = np.log1p(histogram.astype(np.float32))
     return colour_image((logarithm / max(float(logarithm.max()), 1e-6) * 255).astype(np.uint8))
 
 
 def truth_picture(left: NDArray[np.uint8], truth: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Return the left image with what is traversable in green and what is ignored or unknown in grey.
+    """Return the left image with traversable ground in green and ignored or unknown pixels in grey.
 
     `truth` is uint8 (H, W): 255 traversable, 0 not, 128 ignored.
     """
@@ -85,17 +87,17 @@ def truth_picture(left: NDArray[np.uint8], truth: NDArray[np.uint8]) -> NDArray[
 
 
 def error_picture(left: NDArray[np.uint8], mask: NDArray[np.uint8], truth: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Return the left image, pale, with what was found wrongly in vermilion, and what was missed in blue.
+    """Return the left image, pale, with false positives in vermilion and missed ground in blue.
 
     Parameters
     ----------
-    mask
-        uint8 (H, W): 255 traversable, 0 not.
-    truth
-        uint8 (H, W): 255 traversable, 0 not, 128 ignored, which is grey.
+    mask : (H, W) ndarray of uint8
+        255 traversable, 0 not.
+    truth : (H, W) ndarray of uint8
+        255 traversable, 0 not, 128 ignored, which is grey.
     """
-    gray = left if left.ndim == 2 else cv2.cvtColor(left, cv2.COLOR_BGR2GRAY)
-    picture = colour_image((gray // 2 + 110).astype(np.uint8))
+    grey = left if left.ndim == 2 else cv2.cvtColor(left, cv2.COLOR_BGR2GRAY)
+    picture = colour_image((grey // 2 + 110).astype(np.uint8))
     found, traversable, counted = mask > 127, truth == 255, truth != 128
     _tint(picture, ~counted, _IGNORED_COLOUR, 0.7)
     _tint(picture, found & traversable, _SHORT_COLOUR, 0.25)
@@ -108,8 +110,8 @@ def stages_picture(
     left: NDArray[np.uint8],
     *,
     short_range: NDArray[np.uint8],
-    superpixels: NDArray[np.integer],
-    clusters: NDArray[np.integer],
+    superpixels: NDArray[np.integer[Any]],
+    clusters: NDArray[np.integer[Any]],
     long_range: NDArray[np.uint8],
     truth: NDArray[np.uint8],
 ) -> NDArray[np.uint8]:
@@ -117,13 +119,13 @@ def stages_picture(
 
     Parameters
     ----------
-    left
-        BGR (H, W, 3) or grey (H, W).
-    short_range, long_range
-        Occupancy of either range, uint8 (H, W).
-    superpixels, clusters
-        Labels of each pixel, (H, W).
-    truth
+    left : (H, W) or (H, W, 3) ndarray of uint8
+        Left image, BGR or grey.
+    short_range, long_range : (H, W) ndarray of uint8
+        Occupancy of either range: 0 ground or free, 100 obstacle, 255 unknown.
+    superpixels, clusters : (H, W) ndarray of int
+        Labels of each pixel.
+    truth : (H, W) ndarray of uint8
         See `truth_picture`.
     """
     stages = [

@@ -1,4 +1,4 @@
-"""What an offline detection writes, and the folder that it writes to."""
+"""The output of an offline detection, and the folder that it is written to."""
 
 from __future__ import annotations
 
@@ -18,23 +18,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lrtrav_ros.camera import StereoCamera
-from lrtrav_ros.config import Config, dump_parameters
+from lrtrav_ros.config import Config
 from lrtrav_ros.detector import Detection, StageTimes
 from lrtrav_ros.io import pictures
-from lrtrav_ros.io.encodings import encode_file, scaled_disparity, write_bytes
-from lrtrav_ros.method.features import to_gray, weber_descriptor
+from lrtrav_ros.io.atomic_files import write_bytes
+from lrtrav_ros.io.image_files import encode_file, scaled_disparity
+from lrtrav_ros.io.parameter_file import dump_parameters
+from lrtrav_ros.method.features import to_grey, weber_descriptor
 from lrtrav_ros.method.ground import NO_GROUND
 
 # What --save can add, each in a folder of its name.
 EXTRAS: dict[str, Callable[[Detection], NDArray[Any]]] = {
     "disparity": lambda detection: scaled_disparity(detection.disparity),
-    "superpixels": lambda detection: detection.long_range.superpixels.astype(np.uint16),
-    "clusters": lambda detection: detection.long_range.clusters.astype(np.uint16),
+    "superpixels": lambda detection: detection.superpixels.astype(np.uint16),
+    "clusters": lambda detection: detection.clusters.astype(np.uint16),
     "occupancy": lambda detection: detection.long_range.occupancy,
     "u_disparity": lambda detection: pictures.histogram_picture(detection.short_range.u_disparity),
     "v_disparity": lambda detection: pictures.histogram_picture(detection.short_range.v_disparity),
     "obstacle_disparity": lambda detection: pictures.disparity_picture(detection.short_range.obstacle_disparity),
-    "wld": lambda detection: weber_descriptor(to_gray(detection.left)),
+    "wld": lambda detection: weber_descriptor(to_grey(detection.image)),
 }
 
 _GROUND_COLUMNS = ("slope", "intercept", "tilt", "horizon_row", "camera_height_m", "pitch_deg", "roll_deg")
@@ -50,13 +52,13 @@ _COLUMNS = (
 
 @dataclass(frozen=True, slots=True)
 class FrameResult:
-    """What is written of a frame.
+    """The output of one frame.
 
     Attributes
     ----------
-    row
+    row : dict of str to str
         Its row of ``frames.csv``, by column.
-    files
+    files : dict of str to bytes
         Content of its files by their paths in the output folder; none where the frame could not be used.
     """
 
@@ -75,12 +77,12 @@ class FrameResult:
 
 
 def frame_result(name: str, detection: Detection, camera: StereoCamera, *, extras: Collection[str] = ()) -> FrameResult:
-    """Return what is written of all that was found in a frame; `extras` are names out of `EXTRAS`."""
+    """Return the output of a frame in which something was detected; `extras` are names out of `EXTRAS`."""
     short, long = detection.short_range, detection.long_range
     images = {
         f"short_range/{name}.png": short.mask,
         f"long_range/{name}.png": long.mask,
-        f"overlay/{name}.jpg": pictures.overlay(detection.left, short.occupancy, long.occupancy),
+        f"overlay/{name}.jpg": pictures.overlay(detection.image, short.occupancy, long.occupancy),
         **{f"{extra}/{name}.png": EXTRAS[extra](detection) for extra in extras},
     }
     return FrameResult(
@@ -89,7 +91,7 @@ def frame_result(name: str, detection: Detection, camera: StereoCamera, *, extra
 
 
 def unusable_frame(name: str, problem: str) -> FrameResult:
-    """Return what is written of a frame that could not be used: its name, and why."""
+    """Return the output of a frame that could not be used: its name, and why."""
     return FrameResult({"name": name, "problem": problem}, {})
 
 
@@ -106,9 +108,9 @@ class ResultFolder:
 
     Parameters
     ----------
-    path
+    path : Path
         Folder to make; an empty one may be there.
-    config
+    config : Config
         The run's settings, for ``config.yaml``.
     """
 

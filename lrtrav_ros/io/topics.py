@@ -1,4 +1,4 @@
-"""Names of the inputs' topics: what the nodes subscribe to, and what a recording is searched for."""
+"""Names of the input topics, which nodes subscribe to and recordings are searched for."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ DISPARITY = "disparity"
 DEPTH_IMAGE = "depth/image_rect"
 
 PARTNER = {"stereo": RIGHT_IMAGE, "disparity": DISPARITY, "depth": DEPTH_IMAGE}
-"""What goes with the left image, for each source of disparity; in the order of preference."""
+"""Partner of the left image for each source of disparity, in the order of preference."""
 
 IMAGE_TYPE = "sensor_msgs/msg/Image"
 COMPRESSED_TYPE = "sensor_msgs/msg/CompressedImage"
@@ -42,11 +42,11 @@ def find_inputs(topics: Mapping[str, str], source: str, remaps: Mapping[str, str
 
     Parameters
     ----------
-    topics
+    topics : mapping of str to str
         Type of each topic.
-    source
+    source : str
         The preferred one of ``stereo``, ``disparity`` and ``depth``.
-    remaps
+    remaps : mapping of str to str
         Topics that the user names, by canonical name; the others are searched for.
 
     Returns

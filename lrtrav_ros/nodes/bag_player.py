@@ -21,7 +21,7 @@ from rosgraph_msgs.msg import Clock
 from tqdm import tqdm
 
 from lrtrav_ros.io import topics
-from lrtrav_ros.io.bag_reader import Recording
+from lrtrav_ros.io.bag_reader import BagReader
 from lrtrav_ros.nodes.shared_memory import use_large_segment
 
 _IMAGES = frozenset((topics.LEFT_IMAGE, *topics.PARTNER.values()))
@@ -36,26 +36,26 @@ _BAR = "{percentage:3.0f} %|{bar}| {n:.1f}/{total:.1f} s"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ReplayOptions:
-    """How a bag is replayed.
+    """Settings of a replay.
 
     Parameters
     ----------
-    source
+    source : str
         What the detector works on, where the bag holds several: ``stereo``, ``disparity`` or ``depth``.
-    rate
+    rate : float
         Factor on the speed, above 0.
-    loop
+    loop : bool
         Start over at the end, until interrupted.
-    start_s, duration_s
+    start_s, duration_s : float
         Part of the bag, in seconds from its start; all of it by default.
-    remap
+    remap : mapping of str to str
         Topic to publish on, for topics of the bag; where it is a name that the detector expects, such as
         ``left/image_rect``, the bag's topic takes that part.
-    all_topics
+    all_topics : bool
         Publish all other topics of the bag too.
-    clock
+    clock : bool
         Publish ``/clock``.
-    wait
+    wait : bool
         Begin only when the images are subscribed to.
     """
 
@@ -84,15 +84,15 @@ def replay(path: str | os.PathLike[str], options: ReplayOptions, *, ros_args: Se
     FileNotFoundError, ValueError
         If there is no such bag, or nothing in it that could be published.
     """
-    with Recording(path) as recording:
+    with BagReader(path) as reader:
         try:
-            names = published_names(recording.topics, options)
+            names = published_names(reader.topics, options)
         except ValueError as err:
             raise ValueError(f"{path}: {err}") from err
         use_large_segment()
         rclpy.init(args=list(ros_args))
         try:
-            _Replay(recording, names, options).run()
+            _BagPlayer(reader, names, options).run()
         except KeyboardInterrupt:
             pass
         except RuntimeError:
@@ -101,7 +101,7 @@ def replay(path: str | os.PathLike[str], options: ReplayOptions, *, ros_args: Se
         finally:
             signal.signal(signal.SIGINT, signal.SIG_IGN)
             rclpy.try_shutdown()
-        for problem in recording.problems:
+        for problem in reader.problems:
             print(problem, file=sys.stderr)
 
 
@@ -110,7 +110,7 @@ def published_names(types: Mapping[str, str], options: ReplayOptions) -> dict[st
 
     Parameters
     ----------
-    types
+    types : mapping of str to str
         Type of each topic in the bag.
 
     Raises
@@ -142,21 +142,19 @@ def _transport(topic: str, kind: str) -> str:
     return "/compressedDepth" if topic.endswith("/compressedDepth") else "/compressed"
 
 
-class _Replay:
-    """Publishers for a recording's topics, and the loop that feeds them."""
+class _BagPlayer:
+    """Publishers for a reader's topics, and the loop that feeds them."""
 
-    def __init__(self, recording: Recording, names: Mapping[str, str], options: ReplayOptions) -> None:
-        self._recording = recording
+    def __init__(self, reader: BagReader, names: Mapping[str, str], options: ReplayOptions) -> None:
+        self._reader = reader
         self._options = options
-        self._start_ns = recording.start_ns + round(options.start_s * 1e9)
-        self._end_ns = recording.end_ns + 1
+        self._start_ns = reader.start_ns + round(options.start_s * 1e9)
+        self._end_ns = reader.end_ns + 1
         if options.duration_s is not None:
             self._end_ns = min(self._end_ns, self._start_ns + round(options.duration_s * 1e9))
         if self._start_ns >= self._end_ns:
-            lasts_s = (recording.end_ns - recording.start_ns) / 1e9
-            raise ValueError(
-                f"{recording.path}: lasts {lasts_s:.3f} s; start at {options.start_s:g} s is behind its end"
-            )
+            lasts_s = (reader.end_ns - reader.start_ns) / 1e9
+            raise ValueError(f"{reader.path}: lasts {lasts_s:.3f} s; start at {options.start_s:g} s is behind its end")
         self._node = Node("replay")
         self._publishers = self._create_publishers(names)
         self._clock = self._node.create_publisher(Clock, "/clock", 1) if options.clock else None
@@ -177,19 +175,28 @@ class _Replay:
         print(f"published {self._n_published} messages on {len(self._publishers)} topics in {seconds:.1f} s")
 
     def _create_publishers(self, names: Mapping[str, str]) -> dict[str, Publisher]:
-        """Return a publisher for each topic of the bag whose type is installed."""
+        """Return a publisher for each topic of the bag; without those that come with --all but are not installed.
+
+        Raises ValueError where the type of another topic is not installed, or of all of them.
+        """
         publishers = {}
         for topic, name in names.items():
-            kind = self._recording.topics[topic]
+            kind = self._reader.topics[topic]
             try:
                 message_type = _message_type(kind)
-            except (ImportError, AttributeError):
-                print(f"{topic} is left out: its type {kind} is not installed", file=sys.stderr)
+            except (ImportError, AttributeError) as err:
+                missing = f"{topic}: its type {kind} is not installed"
+                if name != topic:
+                    package = kind.partition("/")[0]
+                    raise ValueError(f"{self._reader.path}: {missing}; install the ROS package {package}") from err
+                print(f"{missing}; it is left out", file=sys.stderr)
                 continue
             qos = QoSProfile(depth=_QUEUE_DEPTH)
             if topic.endswith("/tf_static"):
                 qos.durability = QoSDurabilityPolicy.TRANSIENT_LOCAL
             publishers[topic] = self._node.create_publisher(message_type, name, qos)
+        if not publishers:
+            raise ValueError(f"{self._reader.path}: no topic has a type that is installed")
         return publishers
 
     def _wait_for_subscribers(self) -> None:
@@ -223,7 +230,7 @@ class _Replay:
         with tqdm(
             total=round(seconds, 1), unit="s", bar_format=_BAR, disable=not sys.stderr.isatty(), leave=False
         ) as progress:
-            for message in self._recording.messages(self._publishers, start_ns=self._start_ns):
+            for message in self._reader.messages(self._publishers, start_ns=self._start_ns):
                 if message.time_ns >= self._end_ns:
                     break
                 self._sleep_until(message.time_ns, begin)

@@ -1,4 +1,4 @@
-"""What a node says of itself on ``/diagnostics``, once a second."""
+"""The state of a node on ``/diagnostics``, once a second."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.node import Node
 
-from lrtrav_ros.io.pairing import Side
+from lrtrav_ros.io.pairing import TopicQueue
 from lrtrav_ros.nodes.worker import Worker
 
 PERIOD_S = 1.0
@@ -25,19 +25,32 @@ class Diagnostics:
 
     Parameters
     ----------
-    problem
+    node : rclpy.node.Node
+        Publishes them.
+    worker : Worker
+        Counts the frames.
+    problem : callable
         Returns why nothing reaches the worker; empty where something does.
-    main
-        Returns the topic whose messages count as frames.
+    frame_topic : TopicQueue
+        The topic whose messages count as frames.
+    n_replaced : callable
+        Returns how many frames were dropped before they reached the worker.
     """
 
     def __init__(
-        self, node: Node, worker: Worker[Any], problem: Callable[[], str], main: Callable[[], Side[Any]]
+        self,
+        node: Node,
+        worker: Worker[Any],
+        *,
+        problem: Callable[[], str],
+        frame_topic: TopicQueue[Any],
+        n_replaced: Callable[[], int] = lambda: 0,
     ) -> None:
         self._node = node
         self._worker = worker
         self._problem = problem
-        self._main = main
+        self._frame_topic = frame_topic
+        self._n_replaced = n_replaced
         self._logged_s = -math.inf
         self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", 10)
         # The node's own clock stands still where simulated time does.
@@ -63,11 +76,11 @@ class Diagnostics:
     def _status(self, problem: str) -> DiagnosticStatus:
         worker = self._worker
         values = {
-            "frames received": self._main().received,
+            "frames received": self._frame_topic.received,
             "frames processed": worker.processed,
-            "frames dropped": worker.dropped,
+            "frames dropped": worker.dropped + self._n_replaced(),
             "frames failed": worker.failed,
-            "frames unpaired": self._main().unpaired,
+            "frames unpaired": self._frame_topic.unpaired,
             "rate [Hz]": f"{worker.rate_hz:.2f}",
             "last frame [ms]": f"{worker.last_ms:.1f}",
             "median frame [ms]": f"{worker.median_ms:.1f}",

@@ -16,13 +16,13 @@ from rclpy.qos import QoSProfile
 from sensor_msgs.msg import Image
 
 from lrtrav_ros.io.encodings import decode_message
-from lrtrav_ros.nodes.messages import stamp_ns
+from lrtrav_ros.io.message_frames import header_stamp_ns
 from lrtrav_ros.nodes.shared_memory import use_large_segment
 
 _QUEUE_DEPTH = 50
 
 
-class Collector:
+class ImageCollector:
     """A node that keeps every image of some topics; to be used in a ``with`` block, alone in its process.
 
     Attributes
@@ -43,7 +43,7 @@ class Collector:
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(self._node)
 
-    def __enter__(self) -> Collector:
+    def __enter__(self) -> ImageCollector:
         return self
 
     def __exit__(
@@ -71,4 +71,4 @@ class Collector:
         return True
 
     def _take(self, topic: str, message: Image) -> None:
-        self.images[stamp_ns(message)][topic] = decode_message(message)
+        self.images[header_stamp_ns(message)][topic] = decode_message(message)

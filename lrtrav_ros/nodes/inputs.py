@@ -4,192 +4,179 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from functools import partial
 from typing import Any, Protocol
 
-import numpy as np
-from numpy.typing import NDArray
 from rclpy.node import Node
 from sensor_msgs.msg import CameraInfo
 from stereo_msgs.msg import DisparityImage
 
-from lrtrav_ros.camera import StereoCamera
-from lrtrav_ros.detector import Detector
-from lrtrav_ros.io import camera_info as calibration
-from lrtrav_ros.io import encodings as images
-from lrtrav_ros.io import topics
-from lrtrav_ros.io.pairing import Pairing, Side
-from lrtrav_ros.nodes import endpoints, messages
+from lrtrav_ros.io.message_frames import FrameMessages, header_stamp_ns
+from lrtrav_ros.io.pairing import StampPairing, TopicQueue
+from lrtrav_ros.io.topics import DEPTH_IMAGE, DISPARITY, LEFT_IMAGE, LEFT_INFO, RIGHT_IMAGE, RIGHT_INFO
+from lrtrav_ros.nodes import endpoints
 from lrtrav_ros.nodes.parameters import Settings
 
 PATIENCE_S = 5.0
 """Seconds without a frame after which a node says why there is none."""
 
-_WAITING_IMAGES = 10
-
-Measurement = tuple[Any, ...]
-"""The messages of one frame; the first one's header is that of the frame."""
-
-Deliver = Callable[[Measurement], None]
+Deliver = Callable[[FrameMessages], None]
 
 
 class Input(Protocol):
-    """A source of disparity: subscribes, and hands each frame's messages to `deliver`."""
+    """A source of disparity: subscribes, and delivers the messages of each frame."""
 
-    infos: CameraInfos
+    calibrated: CalibratedFrames
 
     @property
-    def main(self) -> Side[Any]:
-        """The topic that brings a frame's first message."""
+    def frame_topic(self) -> TopicQueue[Any]:
+        """The topic whose messages count as frames."""
 
     def problem(self) -> str:
-        """Return why there are no frames; empty where there are."""
-
-    def camera(self, measurement: Measurement) -> StereoCamera:
-        """Return the calibration of a frame; raises ValueError where there is none in its messages."""
-
-    def disparity(self, measurement: Measurement, detector: Detector) -> NDArray[np.float32]:
-        """Return the disparity (H, W) of a frame in pixels, 0 where there is none; raises ValueError."""
+        """Return why no frames come; empty where they do."""
 
 
-class CameraInfos:
-    """Keeps the latest CameraInfo of the topics `needed` and `optional`; `arrived` is called when one comes."""
+class CalibratedFrames:
+    """Adds the latest CameraInfo to the images of a frame; the newest frame waits until there is one.
+
+    Parameters
+    ----------
+    node : rclpy.node.Node
+        Subscribes to the CameraInfo topics.
+    source : str
+        What disparity is made from.
+    deliver : callable
+        Takes the messages of each frame.
+    needed, optional : tuple of str
+        CameraInfo topics without which no frame is delivered, and one that is added where it is there.
+
+    Attributes
+    ----------
+    n_replaced : int
+        Frames that a newer one replaced while they waited for their calibration.
+    """
 
     def __init__(
-        self, node: Node, needed: tuple[str, ...], arrived: Callable[[], None], *, optional: tuple[str, ...] = ()
+        self, node: Node, source: str, deliver: Deliver, *, needed: tuple[str, ...], optional: tuple[str, ...] = ()
     ) -> None:
-        self._topics = {name: node.resolve_topic_name(name) for name in needed}
+        self.n_replaced = 0
+        self._source = source
+        self._deliver = deliver
+        self._needed = {name: node.resolve_topic_name(name) for name in needed}
         self._latest: dict[str, CameraInfo] = {}
-        self._arrived = arrived
+        self._waiting: tuple[Any | None, Any] | None = None
         for name in (*needed, *optional):
-            endpoints.subscribe(node, CameraInfo, name, self._keeper(name), depth=1)
+            endpoints.subscribe(node, CameraInfo, name, partial(self._take_info, name), depth=1)
 
-    def _keeper(self, name: str) -> Callable[[CameraInfo], None]:
-        def keep(info: CameraInfo) -> None:
-            self._latest[name] = info
-            self._arrived()
+    def put(self, left: Any | None, partner: Any) -> None:
+        """Take the images of a frame; the left one may be None where disparity or depth is the source."""
+        self.n_replaced += self._waiting is not None
+        self._waiting = (left, partner)
+        self._deliver_if_calibrated()
 
-        return keep
+    def problem(self) -> str:
+        """Return which calibration a frame waits for; empty where none does."""
+        missing = [topic for name, topic in self._needed.items() if name not in self._latest]
+        if self._waiting is None or not missing:
+            return ""
+        return f"no CameraInfo yet on {' and '.join(missing)}; frames wait for it"
 
-    def __getitem__(self, name: str) -> CameraInfo:
-        return self._latest[name]
+    def _take_info(self, name: str, info: CameraInfo) -> None:
+        self._latest[name] = info
+        self._deliver_if_calibrated()
 
-    def get(self, name: str) -> CameraInfo | None:
-        """Return the latest of a topic, or None where none came."""
-        return self._latest.get(name)
-
-    @property
-    def missing(self) -> list[str]:
-        """The topics that are needed and on which none came."""
-        return [topic for name, topic in self._topics.items() if name not in self._latest]
+    def _deliver_if_calibrated(self) -> None:
+        if self._waiting is None or any(name not in self._latest for name in self._needed):
+            return
+        (left, partner), self._waiting = self._waiting, None
+        self._deliver(
+            FrameMessages(
+                source=self._source,
+                left=left,
+                partner=partner,
+                left_info=self._latest[LEFT_INFO],
+                right_info=self._latest.get(RIGHT_INFO),
+            )
+        )
 
 
 class StereoInput:
     """A rectified pair of images, paired by stamp."""
 
-    def __init__(self, node: Node, settings: Settings, deliver: Deliver, arrived: Callable[[], None]) -> None:
+    def __init__(self, node: Node, settings: Settings, deliver: Deliver) -> None:
+        self.calibrated = CalibratedFrames(node, "stereo", deliver, needed=(LEFT_INFO, RIGHT_INFO))
         self._settings = settings
-        self._deliver = deliver
-        self.infos = CameraInfos(node, (topics.LEFT_INFO, topics.RIGHT_INFO), arrived)
         compressed = settings.config.source.compressed
-        left = endpoints.subscribe_image(node, topics.LEFT_IMAGE, self._take_left, compressed=compressed)
-        right = endpoints.subscribe_image(node, topics.RIGHT_IMAGE, self._take_right, compressed=compressed)
-        self._pairing: Pairing[Any, Any] = Pairing(
-            (left.topic_name, _WAITING_IMAGES), (right.topic_name, _WAITING_IMAGES)
-        )
+        left = endpoints.subscribe_image(node, LEFT_IMAGE, self._take_left, compressed=compressed)
+        right = endpoints.subscribe_image(node, RIGHT_IMAGE, self._take_right, compressed=compressed)
+        self._pairing: StampPairing[Any, Any] = StampPairing(TopicQueue(left.topic_name), TopicQueue(right.topic_name))
 
     @property
-    def main(self) -> Side[Any]:
+    def frame_topic(self) -> TopicQueue[Any]:
         """The left images."""
         return self._pairing.first
 
     def problem(self) -> str:
-        """Return why nothing pairs."""
+        """Return why no images pair, or what they wait for."""
         if self._pairing.idle_s < PATIENCE_S:
-            return ""
-        return self._pairing.reason(tolerance_ns=self._settings.stamp_tolerance_ns)
-
-    def camera(self, measurement: Measurement) -> StereoCamera:
-        """Return the calibration in the two CameraInfo."""
-        return calibration.stereo_camera(self.infos[topics.LEFT_INFO], self.infos[topics.RIGHT_INFO])
-
-    def disparity(self, measurement: Measurement, detector: Detector) -> NDArray[np.float32]:
-        """Match the two images."""
-        left, right = (images.decode_message(message) for message in measurement)
-        return detector.match(images.as_8bit(left), images.as_8bit(right, like=left))
+            return self.calibrated.problem()
+        return self.calibrated.problem() or self._pairing.silence(tolerance_ns=self._settings.stamp_tolerance_ns)
 
     def _take_left(self, message: Any) -> None:
-        tolerance_ns = self._settings.stamp_tolerance_ns
-        self._hand_over(self._pairing.add_first(messages.stamp_ns(message), message, tolerance_ns=tolerance_ns))
+        self._put(self._pairing.add_first(header_stamp_ns(message), message, tolerance_ns=self._tolerance_ns))
 
     def _take_right(self, message: Any) -> None:
-        tolerance_ns = self._settings.stamp_tolerance_ns
-        self._hand_over(self._pairing.add_second(messages.stamp_ns(message), message, tolerance_ns=tolerance_ns))
+        self._put(self._pairing.add_second(header_stamp_ns(message), message, tolerance_ns=self._tolerance_ns))
 
-    def _hand_over(self, pair: Measurement | None) -> None:
+    @property
+    def _tolerance_ns(self) -> int:
+        return self._settings.stamp_tolerance_ns
+
+    def _put(self, pair: tuple[Any, Any] | None) -> None:
         if pair is not None:
-            self._deliver(pair)
+            self.calibrated.put(*pair)
 
 
 class _SingleInput:
     """One message a frame, and the CameraInfo of the left camera."""
 
-    def __init__(self, deliver: Deliver, infos: CameraInfos) -> None:
-        self._deliver = deliver
+    def __init__(self, calibrated: CalibratedFrames) -> None:
+        self.calibrated = calibrated
+        self.frame_topic: TopicQueue[Any] = TopicQueue("")
         self._last_s = time.monotonic()
-        self.infos = infos
-        self.main: Side[None] = Side("", capacity=1)
 
     def problem(self) -> str:
-        """Return that nothing comes."""
+        """Return that nothing comes, or what it waits for."""
         idle_s = time.monotonic() - self._last_s
-        return f"no message for {idle_s:.0f} s; {self.main}" if idle_s >= PATIENCE_S else ""
+        silence = f"no message for {idle_s:.0f} s; {self.frame_topic}" if idle_s >= PATIENCE_S else ""
+        return self.calibrated.problem() or silence
 
     def _take(self, message: Any) -> None:
         self._last_s = time.monotonic()
-        self.main.received += 1
-        self.main.last_stamp_ns = messages.stamp_ns(message)
-        self._deliver((message,))
+        self.frame_topic.received += 1
+        self.frame_topic.last_stamp_ns = header_stamp_ns(message)
+        self.calibrated.put(None, message)
 
 
 class DisparityInput(_SingleInput):
     """A disparity image from elsewhere, such as ``stereo_image_proc`` or an FPGA."""
 
-    def __init__(self, node: Node, settings: Settings, deliver: Deliver, arrived: Callable[[], None]) -> None:
-        super().__init__(deliver, CameraInfos(node, (topics.LEFT_INFO,), arrived))
-        self.main.topic = endpoints.subscribe(node, DisparityImage, topics.DISPARITY, self._take).topic_name
-
-    def camera(self, measurement: Measurement) -> StereoCamera:
-        """Return the calibration in the disparity image; the principal point is that of CameraInfo."""
-        return calibration.disparity_camera(measurement[0], self.infos[topics.LEFT_INFO])
-
-    def disparity(self, measurement: Measurement, detector: Detector) -> NDArray[np.float32]:
-        """Return what the message holds."""
-        return messages.message_to_disparity(measurement[0])
+    def __init__(self, node: Node, settings: Settings, deliver: Deliver) -> None:
+        super().__init__(CalibratedFrames(node, "disparity", deliver, needed=(LEFT_INFO,)))
+        self.frame_topic.topic = endpoints.subscribe(node, DisparityImage, DISPARITY, self._take).topic_name
 
 
 class DepthInput(_SingleInput):
     """A depth image that is registered to the left image."""
 
-    def __init__(self, node: Node, settings: Settings, deliver: Deliver, arrived: Callable[[], None]) -> None:
-        super().__init__(deliver, CameraInfos(node, (topics.LEFT_INFO,), arrived, optional=(topics.RIGHT_INFO,)))
-        self.main.topic = endpoints.subscribe_image(
-            node,
-            topics.DEPTH_IMAGE,
-            self._take,
-            compressed=settings.config.source.compressed,
-            transport="compressedDepth",
+    def __init__(self, node: Node, settings: Settings, deliver: Deliver) -> None:
+        super().__init__(CalibratedFrames(node, "depth", deliver, needed=(LEFT_INFO,), optional=(RIGHT_INFO,)))
+        self.frame_topic.topic = endpoints.subscribe_image(
+            node, DEPTH_IMAGE, self._take, compressed=settings.config.source.compressed, transport="compressedDepth"
         ).topic_name
 
-    def camera(self, measurement: Measurement) -> StereoCamera:
-        """Return the calibration in CameraInfo; the baseline is virtual unless the right camera's is there too."""
-        return calibration.depth_camera(self.infos[topics.LEFT_INFO], self.infos.get(topics.RIGHT_INFO))
 
-    def disparity(self, measurement: Measurement, detector: Detector) -> NDArray[np.float32]:
-        """Express depth as disparity."""
-        return detector.disparity_of_depth(messages.message_to_depth(measurement[0]))
-
-
-INPUTS: dict[str, Callable[[Node, Settings, Deliver, Callable[[], None]], Input]] = {
+INPUTS: dict[str, Callable[[Node, Settings, Deliver], Input]] = {
     "stereo": StereoInput,
     "disparity": DisparityInput,
     "depth": DepthInput,

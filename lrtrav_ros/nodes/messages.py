@@ -1,4 +1,4 @@
-"""Messages to arrays and back; what the fields of messages mean stands here and nowhere else."""
+"""Arrays as messages of rclpy."""
 
 from __future__ import annotations
 
@@ -7,25 +7,20 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from sensor_msgs.msg import CompressedImage, Image, RegionOfInterest
+from sensor_msgs.msg import Image, RegionOfInterest
 from std_msgs.msg import Header
 from stereo_msgs.msg import DisparityImage
 
 from lrtrav_ros.camera import StereoCamera
-from lrtrav_ros.io import encodings as images
+from lrtrav_ros.io.encodings import encode_image
 
 _NO_DISPARITY = -1.0
 _DELTA_DISPARITY = 1 / 16  # what OpenCV's matchers resolve
 
 
-def stamp_ns(message: Any) -> int:
-    """Return the header stamp of `message` in nanoseconds."""
-    return int(message.header.stamp.sec) * 1_000_000_000 + int(message.header.stamp.nanosec)
-
-
 def array_to_image(pixels: NDArray[Any], header: Header) -> Image:
-    """Return `pixels`, (H, W) or (H, W, 3), as a message; see `images.encode_image` for encodings and errors."""
-    encoded = images.encode_image(pixels)
+    """Return `pixels`, (H, W) or (H, W, 3), as a message; see `encode_image` for encodings and errors."""
+    encoded = encode_image(pixels)
     data = array.array("B")  # the one type that rclpy takes over at once; a NumPy array costs it 50 ms
     data.frombytes(encoded.data.data)
     return Image(
@@ -44,11 +39,6 @@ def as_uint16(values: NDArray[np.int32]) -> NDArray[np.uint16]:
     return np.clip(values, 0, 65535).astype(np.uint16)
 
 
-def message_to_disparity(message: DisparityImage) -> NDArray[np.float32]:
-    """Return the disparity (H, W) in pixels, 0 where there is none; raises ValueError for other than 32FC1."""
-    return images.valid_disparity(images.decode_message(message.image), message.min_disparity)
-
-
 def disparity_to_message(
     disparity: NDArray[np.float32], header: Header, camera: StereoCamera, *, n_disparities: int
 ) -> DisparityImage:
@@ -64,8 +54,3 @@ def disparity_to_message(
         max_disparity=max(float(n_disparities - 1), float(disparity.max())),
         delta_d=_DELTA_DISPARITY,
     )
-
-
-def message_to_depth(message: Image | CompressedImage) -> NDArray[np.float32]:
-    """Return a depth image (16UC1 in millimetres, 32FC1 in metres) in metres, 0 where there is none."""
-    return images.depth_in_metres(images.decode_message(message))

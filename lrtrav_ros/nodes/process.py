@@ -28,7 +28,7 @@ def run_nodes(factories: Sequence[Callable[[], Node]], *, ros_args: Sequence[str
 
     Parameters
     ----------
-    ros_args
+    ros_args : sequence of str
         Arguments for ROS, such as ``--ros-args -p stereo.matcher:=bm``.
 
     Returns

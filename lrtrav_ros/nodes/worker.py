@@ -19,16 +19,16 @@ class Worker(Generic[Frame]):
 
     Parameters
     ----------
-    process
+    process : callable
         What is done with a frame.
-    failed
+    failed : callable
         Called with a frame's exception, whatever it is; the worker goes on with the next frame.
 
     Attributes
     ----------
-    processed, dropped, failed
+    processed, dropped, failed : int
         Number of frames that were processed, that a newer one replaced, and that raised an exception.
-    error
+    error : str
         Why the last frame failed; empty where it did not.
     """
 

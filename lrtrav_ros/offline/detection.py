@@ -8,31 +8,33 @@ from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 
+import cv2
 from tqdm import tqdm
 
 from lrtrav_ros.camera import StereoCamera
 from lrtrav_ros.config import Config
 from lrtrav_ros.detector import Detector
 from lrtrav_ros.io.bag_frames import UnusableFrame
-from lrtrav_ros.io.recording import FrameFile, Sequence, SequenceItem, open_sequence
+from lrtrav_ros.io.dataset_folder import FrameFile
+from lrtrav_ros.io.recording import RecordedFrame, Recording, open_recording
 from lrtrav_ros.io.result_folder import FrameResult, ResultFolder, frame_result, unusable_frame
 from lrtrav_ros.offline.parallel import TaskError, run_tasks
 
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What came of the frames of a recording.
+    """Counts and problems of a detection in the frames of a recording.
 
     Attributes
     ----------
-    n_done
+    n_done : int
         Frames that were written.
-    n_skipped
+    n_skipped : int
         Frames that could not be used.
-    n_without_ground
+    n_without_ground : int
         Frames among those written in which no ground line was found.
-    problems
-        What could not be used, and why, one line each.
+    problems : tuple of str
+        One line for all that could not be used, with the reason.
     """
 
     n_done: int
@@ -45,7 +47,7 @@ class Outcome:
 class DetectionTask:
     """A frame to detect in, and how; `extras` are names out of `results.EXTRAS`."""
 
-    item: SequenceItem
+    item: RecordedFrame
     config: Config
     extras: tuple[str, ...] = ()
 
@@ -59,7 +61,7 @@ def detect_recording(
     jobs: int = 1,
     cluster: str | None = None,
 ) -> Outcome:
-    """Detect in all frames of a dataset folder or rosbag and write what is found; see `results.ResultFolder`.
+    """Detect in all frames of a dataset folder or rosbag and write the results; see `results.ResultFolder`.
 
     Frames that cannot be used are skipped. The files do not depend on `jobs` and `cluster`, for which see
     `parallel.run_tasks`; only this process writes. A bag is read by this process, a folder's frames by those that
@@ -70,12 +72,12 @@ def detect_recording(
     OSError, ValueError, RuntimeError
         If the recording cannot be used, the output not be written, or the tasks not be run.
     """
-    with open_sequence(path, config.source) as sequence, ResultFolder(output, config) as folder:
-        tasks = _tasks(sequence, config, extras, single_threaded=jobs != 1 or cluster is not None)
+    with open_recording(path, config.source) as recording, ResultFolder(output, config) as folder:
+        tasks = _tasks(recording, config, extras, single_threaded=jobs != 1 or cluster is not None)
         results = run_tasks(detect_frame, tasks, jobs=jobs, cluster=cluster)
         n_done = n_without_ground = 0
         skipped = []
-        for result in tqdm(results, desc=path.name, total=len(sequence), unit="frame", disable=None):
+        for result in tqdm(results, desc=path.name, total=len(recording), unit="frame", disable=None):
             if isinstance(result, TaskError):
                 raise RuntimeError(result.message)
             folder.write(result)
@@ -83,29 +85,28 @@ def detect_recording(
             n_without_ground += bool(result.files and result.problem)
             if not result.files:
                 skipped.append(f"{path}: skipped frame {result.name}: {result.problem}")
-        problems = tuple(dict.fromkeys([*sequence.problems, *skipped]))  # a bag has named its own
+        problems = tuple(dict.fromkeys([*recording.problems, *skipped]))  # a bag has named its own
         return Outcome(n_done, len(skipped), n_without_ground, problems)
 
 
 def _tasks(
-    sequence: Sequence, config: Config, extras: tuple[str, ...], *, single_threaded: bool
+    recording: Recording, config: Config, extras: tuple[str, ...], *, single_threaded: bool
 ) -> Iterator[DetectionTask]:
     if single_threaded and config.threads == 0:
         config = config.updated({"threads": 1})
-    for item in sequence.items():
+    for item in recording.items():
         yield DetectionTask(item, config, extras)
 
 
 def detect_frame(task: DetectionTask) -> FrameResult:
-    """Return what is written of one frame; of one that cannot be used, why."""
+    """Return the output of one frame; for one that cannot be used, the reason."""
     item = task.item
     if isinstance(item, UnusableFrame):
         return unusable_frame(item.name, item.problem)
     try:
         frame = item.read() if isinstance(item, FrameFile) else item
-        detector = _detector(task.config, frame.camera, threading.get_ident())
-        detection = detector.detect(frame.left, frame.right, disparity=frame.disparity, depth_m=frame.depth_m)
-    except (OSError, ValueError) as err:
+        detection = _detector(task.config, frame.camera, threading.get_ident()).detect_frame(frame)
+    except (OSError, ValueError, cv2.error) as err:
         return unusable_frame(item.name, " ".join(str(err).split()))
     return frame_result(frame.name, detection, frame.camera, extras=task.extras)
 

@@ -42,13 +42,13 @@ def run_tasks(
 
     Parameters
     ----------
-    function
+    function : callable
         A function of a module, so that other processes can import it.
-    tasks
+    tasks : iterable
         What `pickle` can carry; what it raises is raised after the results of the tasks before.
-    jobs
+    jobs : int
         Number of processes; 1 for this one, 0 for as many as there are processors.
-    cluster
+    cluster : str, optional
         Address of a Dask scheduler, such as ``tcp://host:8786``, whose workers are used in place of own processes. A
         task whose worker dies is given to another one.
 

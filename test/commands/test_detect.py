@@ -16,12 +16,13 @@ from recorded import CAMERA, FAST, HEIGHT, N_FRAMES, WIDTH, frames, rendered, wr
 from lrtrav_ros.camera import StereoCamera
 from lrtrav_ros.commands import run
 from lrtrav_ros.commands.detect import output_names
-from lrtrav_ros.config import Config, load_parameters
+from lrtrav_ros.config import Config
 from lrtrav_ros.evaluation.scoring.scores import score
-from lrtrav_ros.io import bag_frames as bags
-from lrtrav_ros.io.bag_frames import FORMATS, write_stereo_bag
-from lrtrav_ros.io.dataset_folder import Frame
-from lrtrav_ros.io.encodings import read_disparity, read_image, write_image
+from lrtrav_ros.frame import Frame
+from lrtrav_ros.io import bag_writer
+from lrtrav_ros.io.bag_writer import FORMATS, write_stereo_bag
+from lrtrav_ros.io.image_files import read_disparity, read_image, write_image
+from lrtrav_ros.io.parameter_file import read_parameter_file
 from lrtrav_ros.io.result_folder import EXTRAS, ResultFolder
 
 NAMES = [frame.name for frame in frames()]
@@ -134,7 +135,7 @@ def test_configuration_that_is_written_reproduces_the_run(dataset, out, tmp_path
     options = ("--preset", "paper", "--set", "clustering.seed=7", "--set", "features.texture=lbp")
     assert detect(dataset, out, *options) == 0
     config = Config.preset("paper").updated({"clustering.seed": 7, "features.texture": "lbp"})
-    assert Config().updated(load_parameters(out / "config.yaml")) == config.updated(
+    assert read_parameter_file(out / "config.yaml").config() == config.updated(
         {"stereo.n_disparities": 64, "superpixels.n_superpixels": 60}
     )
     again = tmp_path / "again"
@@ -144,7 +145,7 @@ def test_configuration_that_is_written_reproduces_the_run(dataset, out, tmp_path
 
 def test_preset_paper_gives_other_masks(dataset, detected, out):
     assert detect(dataset, out, "--preset", "paper") == 0
-    values = load_parameters(out / "config.yaml")
+    values = read_parameter_file(out / "config.yaml").values
     assert (values["extension.rule"], values["clustering.k"]) == ("area", 0)
     assert contents(out, *MASKS) != contents(detected, *MASKS)
 
@@ -153,7 +154,7 @@ def test_set_wins_over_params(dataset, out, tmp_path):
     params = tmp_path / "params.yaml"
     params.write_text("/**:\n  ros__parameters:\n    clustering: {k: 4, seed: 2}\n")
     assert detect(dataset, out, "--params", str(params), "--set", "clustering.k=5") == 0
-    values = load_parameters(out / "config.yaml")
+    values = read_parameter_file(out / "config.yaml").values
     assert (values["clustering.k"], values["clustering.seed"]) == (5, 2)
 
 
@@ -185,7 +186,7 @@ def test_save_adds_what_is_named(dataset, out):
     ],
 )
 def test_wrong_values_are_one_line_and_write_nothing(dataset, out, capsys, options, message):
-    assert detect(dataset, out, *options) == 1
+    assert detect(dataset, out, *options) == 2
     assert message in failure(capsys)
     assert not out.exists()
 
@@ -243,8 +244,8 @@ def test_source_is_preferred_where_a_folder_holds_several(out, tmp_path):
 
 
 @pytest.mark.parametrize("options", [(), ("--preset", "paper")])
-def test_gray_images_are_detected_in(out, tmp_path, options):
-    path = write_dataset(tmp_path / "input", frames(gray=True))
+def test_grey_images_are_detected_in(out, tmp_path, options):
+    path = write_dataset(tmp_path / "input", frames(grey=True))
     assert detect(path, out, *options) == 0
     if not options:
         for item in rendered():
@@ -380,10 +381,10 @@ def test_images_of_different_size_are_skipped(broken, out, capsys):
     )
 
 
-def test_gray_image_beside_colour_is_skipped(broken, out, capsys):
+def test_grey_image_beside_colour_is_skipped(broken, out, capsys):
     path = broken / "right" / f"{NAMES[0]}.png"
     write_image(path, read_image(path)[..., 0])
-    skipped(broken, out, capsys, NAMES[0], "give images of one size, number of channels")
+    skipped(broken, out, capsys, NAMES[0], "give images of one number of channels")
 
 
 def test_image_of_another_bit_depth_is_skipped(out, tmp_path, capsys):
@@ -410,18 +411,18 @@ def test_frame_of_a_bag_that_does_not_fit_is_skipped(out, tmp_path, capsys):
     )
     bag = tmp_path / "bag"
     write_mixed_bag(bag, recorded)
-    skipped(bag, out, capsys, NAMES[1], f"CameraInfo is for {WIDTH} x {HEIGHT} pixels, but the left image is")
+    skipped(bag, out, capsys, NAMES[1], f"the calibration is for {WIDTH} x {HEIGHT} pixels, but the image is")
 
 
 def write_mixed_bag(path, recorded):
     """Write a bag whose CameraInfo is always that of the first frame."""
-    original, size = bags._camera_info, recorded[0].left.shape[:2]
+    original, size = bag_writer._camera_info, recorded[0].left.shape[:2]
 
     def first(header, camera, _, *, baseline_m):
         return original(header, camera, size, baseline_m=baseline_m)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(bags, "_camera_info", first)
+        patch.setattr(bag_writer, "_camera_info", first)
         write_stereo_bag(path, recorded)
 
 
@@ -440,7 +441,7 @@ def write_mixed_bag(path, recorded):
         ({"cx": float("nan")}, "cx is nan; give a finite number"),
         ({"fx": float("inf")}, "fx is inf; give a finite number"),
         ({"fx": "wide"}, "fx is 'wide'; give a finite number"),
-        ({"width": WIDTH + 1}, f"width is {WIDTH + 1}, but the left image's is {WIDTH}"),
+        ({"width": WIDTH + 1}, f"calibration is for {WIDTH + 1} x {HEIGHT} pixels, but the image is {WIDTH}"),
     ],
 )
 def test_calibration_that_cannot_be_is_refused(out, tmp_path, capsys, values, message):
@@ -509,7 +510,7 @@ def test_file_that_is_no_bag_is_refused(out, tmp_path, capsys):
 def test_bag_without_the_topics_is_refused(out, tmp_path, capsys):
     bag = tmp_path / "bag"
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("lrtrav_ros.io.bag_frames.RIGHT_IMAGE", "right/other")
+        patch.setattr("lrtrav_ros.io.bag_writer.RIGHT_IMAGE", "right/other")
         write_stereo_bag(bag, frames())
     assert detect(bag, out) == 1
     message = failure(capsys)

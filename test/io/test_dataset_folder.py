@@ -1,17 +1,17 @@
 """Tests of dataset folders: what is written is read, and what is wrong is named."""
 
-import dataclasses
 import json
 
 import numpy as np
 import pytest
 
 from lrtrav_ros.camera import StereoCamera
-from lrtrav_ros.io.dataset_folder import FolderDataset, Frame, write_calibration, write_frame
-from lrtrav_ros.io.encodings import write_image
+from lrtrav_ros.frame import Frame
+from lrtrav_ros.io.dataset_folder import DatasetFolder, write_calibration, write_frame
+from lrtrav_ros.io.image_files import write_image
 
 HEIGHT, WIDTH = 24, 37
-CAMERA = StereoCamera(fx=50.5, fy=51.0, cx=18.25, cy=11.5, baseline_m=0.12)
+CAMERA = StereoCamera(fx=50.5, fy=51.0, cx=18.25, cy=11.5, baseline_m=0.12, width=WIDTH, height=HEIGHT)
 
 
 def make_frame(name, **inputs):
@@ -30,7 +30,7 @@ def depth():
 def folder(tmp_path):
     """A folder of three stereo frames; the second one has ground truth."""
     for name in ("b", "a", "c"):
-        write_frame(tmp_path, make_frame(name), truth() if name == "b" else None)
+        write_frame(tmp_path, make_frame(name), truth=truth() if name == "b" else None)
     write_calibration(tmp_path, CAMERA, WIDTH, HEIGHT)
     return tmp_path
 
@@ -50,7 +50,7 @@ def change_calibration(folder, **values):
 
 
 def test_stereo_frames_come_back(folder):
-    dataset = FolderDataset(folder)
+    dataset = DatasetFolder(folder)
     assert dataset.names == ["a", "b", "c"]
     assert len(dataset) == 3
     assert dataset.source == "stereo"
@@ -64,7 +64,7 @@ def test_stereo_frames_come_back(folder):
 
 
 def test_truth_is_optional(folder):
-    dataset = FolderDataset(folder)
+    dataset = DatasetFolder(folder)
     assert np.array_equal(dataset.truth("b"), truth())
     assert dataset.truth("a") is None
 
@@ -73,7 +73,7 @@ def test_truth_is_optional(folder):
 def test_disparity_and_depth_come_back(tmp_path, depth, key):
     write_frame(tmp_path, make_frame("x", **{key: depth}))
     write_calibration(tmp_path, CAMERA, WIDTH, HEIGHT)
-    dataset = FolderDataset(tmp_path, source="stereo")
+    dataset = DatasetFolder(tmp_path, source="stereo")
     assert dataset.source == key.removesuffix("_m")
     frame = dataset.frame("x")
     assert np.array_equal(getattr(frame, key), depth)
@@ -84,44 +84,45 @@ def test_depth_is_in_millimetres_without_a_scale(tmp_path, depth):
     write_frame(tmp_path, make_frame("x", depth_m=depth))
     write_calibration(tmp_path, CAMERA, WIDTH, HEIGHT)
     change_calibration(tmp_path, depth_scale=None)
-    assert FolderDataset(tmp_path).frame("x").depth_m == pytest.approx(depth * 0.256)
+    assert DatasetFolder(tmp_path).frame("x").depth_m == pytest.approx(depth * 0.256)
     change_calibration(tmp_path, depth_scale=128)
-    assert np.array_equal(FolderDataset(tmp_path).frame("x").depth_m, depth * 2)
+    assert np.array_equal(DatasetFolder(tmp_path).frame("x").depth_m, depth * 2)
 
 
 def test_the_preferred_source_is_taken(tmp_path, depth):
-    written = make_frame("x", disparity=depth, depth_m=depth + 1)
-    write_frame(tmp_path, dataclasses.replace(written, right=written.left))
+    write_frame(tmp_path, make_frame("x"), disparity=depth)
+    write_frame(tmp_path, make_frame("x", depth_m=depth + 1))
     write_calibration(tmp_path, CAMERA, WIDTH, HEIGHT)
     for source, field in (("stereo", "right"), ("disparity", "disparity"), ("depth", "depth_m")):
-        frame = FolderDataset(tmp_path, source=source).frame("x")
+        frame = DatasetFolder(tmp_path, source=source).frame("x")
         given = [name for name in ("right", "disparity", "depth_m") if getattr(frame, name) is not None]
         assert given == [field]
     with pytest.raises(ValueError, match="'lidar'; choose one of stereo, disparity, depth"):
-        FolderDataset(tmp_path, source="lidar")
+        DatasetFolder(tmp_path, source="lidar")
 
 
 def test_a_frame_may_have_a_calibration_of_its_own(folder):
     (folder / "calib").mkdir()
     own = json.loads((folder / "calib.json").read_text())
     (folder / "calib" / "b.json").write_text(json.dumps({**own, "fx": 70.0}))
-    dataset = FolderDataset(folder)
+    dataset = DatasetFolder(folder)
     assert [dataset.frame(name).camera.fx for name in dataset.names] == [50.5, 70.0, 50.5]
 
 
-def test_16_bit_pairs_are_scaled_alike(folder):
-    left = np.arange(HEIGHT * WIDTH, dtype=np.uint16).reshape(HEIGHT, WIDTH)  # 887 at most: 10 bits
+def test_16_bit_pairs_come_as_they_are(folder):
+    left = np.arange(HEIGHT * WIDTH, dtype=np.uint16).reshape(HEIGHT, WIDTH)
     write_image(folder / "left" / "a.png", left)
-    write_image(folder / "right" / "a.png", left // 4)
-    frame = FolderDataset(folder).frame("a")
-    assert np.array_equal(frame.left, left // 4)
-    assert np.array_equal(frame.right, left // 16)
+    write_image(folder / "right" / "a.png", left * 4)
+    frame = DatasetFolder(folder).frame("a")
+    assert np.array_equal(frame.left, left)
+    assert np.array_equal(frame.right, left * 4)
+    assert np.array_equal(frame.image, left // 4)  # 887 at most: 10 bits
 
 
 def test_jpeg_and_png_may_be_mixed(folder):
     (folder / "left" / "a.png").unlink()
     write_image(folder / "left" / "a.JPG", np.full((HEIGHT, WIDTH, 3), 99, np.uint8))
-    dataset = FolderDataset(folder)
+    dataset = DatasetFolder(folder)
     assert dataset.names == ["a", "b", "c"]
     assert np.array_equal(dataset.frame("a").left, np.full((HEIGHT, WIDTH, 3), 99, np.uint8))
 
@@ -129,7 +130,7 @@ def test_jpeg_and_png_may_be_mixed(folder):
 def test_a_broken_frame_leaves_the_others(folder):
     left = folder / "left" / "b.png"
     left.write_bytes(left.read_bytes()[:200])
-    dataset = FolderDataset(folder)
+    dataset = DatasetFolder(folder)
     with pytest.raises(ValueError, match=r"b\.png: 200 bytes that cannot be read as an image"):
         dataset.frame("b")
     assert dataset.frame("c").name == "c"
@@ -137,7 +138,7 @@ def test_a_broken_frame_leaves_the_others(folder):
 
 def test_a_missing_image_is_named(folder):
     (folder / "right" / "c.png").unlink()
-    dataset = FolderDataset(folder)
+    dataset = DatasetFolder(folder)
     with pytest.raises(FileNotFoundError, match=r"right/c"):
         dataset.frame("c")
     with pytest.raises(FileNotFoundError, match=r"left/nobody"):
@@ -146,8 +147,10 @@ def test_a_missing_image_is_named(folder):
 
 def test_sizes_must_agree(folder):
     write_image(folder / "right" / "a.png", np.zeros((HEIGHT, WIDTH - 1, 3), np.uint8))
-    with pytest.raises(ValueError, match=rf"a\.png: is 36 x {HEIGHT} pixels, but the left image is {WIDTH} x {HEIGHT}"):
-        FolderDataset(folder).frame("a")
+    with pytest.raises(
+        ValueError, match=rf"a\.png: the right image is 36 x {HEIGHT} pixels, but the left image is {WIDTH}"
+    ):
+        DatasetFolder(folder).frame("a")
 
 
 @pytest.mark.parametrize(
@@ -160,15 +163,22 @@ def test_sizes_must_agree(folder):
         ({"fy": -3.0}, "fy is -3.0; give a positive number"),
         ({"cx": float("nan")}, "cx is nan; give a finite number"),
         ({"cy": "11"}, "cy is '11'; give a finite number"),
-        ({"width": 640}, f"width is 640, but the left image's is {WIDTH}"),
-        ({"height": WIDTH}, f"height is {WIDTH}, but the left image's is {HEIGHT}"),
+        ({"width": 37.5}, "width is 37.5; give a whole number of pixels"),
+        ({"height": -1}, "height is -1; give a whole number of pixels"),
         ({"depth_scale": 0}, "depth_scale is 0; give a positive number"),
     ],
 )
 def test_calibrations_that_cannot_be_are_refused(folder, values, message):
     change_calibration(folder, **values)
     with pytest.raises(ValueError, match=rf"calib\.json: {message}"):
-        FolderDataset(folder).frame("a")
+        DatasetFolder(folder).frame("a")
+
+
+@pytest.mark.parametrize("size", [{"width": 640}, {"height": WIDTH}])
+def test_a_calibration_for_another_size_is_refused(folder, size):
+    change_calibration(folder, **size)
+    with pytest.raises(ValueError, match=r"a\.png: the calibration is for .* pixels, but the image is 37 x 24"):
+        DatasetFolder(folder).frame("a")
 
 
 @pytest.mark.parametrize(
@@ -177,35 +187,35 @@ def test_calibrations_that_cannot_be_are_refused(folder, values, message):
 def test_a_calibration_that_is_no_json_is_refused(folder, text, message):
     (folder / "calib.json").write_text(text)
     with pytest.raises(ValueError, match=rf"calib\.json: .*{message}"):
-        FolderDataset(folder).frame("a")
+        DatasetFolder(folder).frame("a")
 
 
 def test_a_missing_calibration_is_named(folder):
     (folder / "calib.json").unlink()
     with pytest.raises(ValueError, match=r"no calibration; add calib\.json"):
-        FolderDataset(folder)
+        DatasetFolder(folder)
     (folder / "calib").mkdir()
     with pytest.raises(FileNotFoundError, match=r"calib/a\.json"):
-        FolderDataset(folder).frame("a")
+        DatasetFolder(folder).frame("a")
 
 
 def test_folders_that_are_none_are_refused(folder, tmp_path):
     with pytest.raises(FileNotFoundError, match="there is no such folder"):
-        FolderDataset(tmp_path / "nowhere")
+        DatasetFolder(tmp_path / "nowhere")
     with pytest.raises(ValueError, match="is not a folder"):
-        FolderDataset(folder / "calib.json")
+        DatasetFolder(folder / "calib.json")
     (tmp_path / "empty").mkdir()
     with pytest.raises(ValueError, match="empty/left: holds no images"):
-        FolderDataset(tmp_path / "empty")
+        DatasetFolder(tmp_path / "empty")
     write_image(tmp_path / "empty" / "left" / "a.png", np.zeros((HEIGHT, WIDTH), np.uint8))
     with pytest.raises(ValueError, match="only left images"):
-        FolderDataset(tmp_path / "empty")
+        DatasetFolder(tmp_path / "empty")
 
 
 def test_two_images_of_one_name_are_refused(folder):
     write_image(folder / "left" / "a.jpg", np.zeros((HEIGHT, WIDTH), np.uint8))
     with pytest.raises(ValueError, match=r"a\.png: the folder has a\.jpg too"):
-        FolderDataset(folder)
+        DatasetFolder(folder)
 
 
 @pytest.mark.parametrize(
@@ -219,4 +229,4 @@ def test_two_images_of_one_name_are_refused(folder):
 def test_truth_of_another_kind_is_refused(folder, image, message):
     write_image(folder / "gt" / "a.png", image)
     with pytest.raises(ValueError, match=rf"a\.png: .*{message}"):
-        FolderDataset(folder).truth("a")
+        DatasetFolder(folder).truth("a")

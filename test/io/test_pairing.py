@@ -1,14 +1,14 @@
-"""Pairing by stamp: exact numbers, bounded queues, time that jumps back."""
+"""Pairing by stamp: exact numbers, bounded queues, messages that are late, time that jumps back."""
 
 import pytest
 
-from lrtrav_ros.io.pairing import Pairing
+from lrtrav_ros.io.pairing import CAPACITY, StampPairing, TopicQueue
 
 MS = 1_000_000
 
 
 def pairing(capacity=3):
-    return Pairing(("/left", capacity), ("/right", capacity))
+    return StampPairing(TopicQueue("/left", capacity), TopicQueue("/right", capacity))
 
 
 @pytest.mark.parametrize("left_first", [True, False])
@@ -29,13 +29,45 @@ def test_tolerance_is_inclusive(difference, pairs_up):
     assert (pairs.add_second(100 * MS + difference, "r", tolerance_ns=5 * MS) is not None) == pairs_up
 
 
-def test_the_nearest_stamp_wins_and_older_messages_go():
+def test_the_nearest_stamp_wins_and_the_others_wait_on():
     pairs = pairing()
     for stamp in (0, 10, 20):
         pairs.add_first(stamp, f"l{stamp}", tolerance_ns=10)
     assert pairs.add_second(11, "r11", tolerance_ns=10) == ("l10", "r11")
-    assert [item for _, item in pairs.first.waiting] == ["l20"]
-    assert pairs.first.unpaired == 1
+    assert pairs.first.unpaired == 1  # until its partner comes, which is late
+    assert pairs.add_second(2, "r2", tolerance_ns=10) == ("l0", "r2")
+    assert list(pairs.first.waiting.values()) == ["l20"]
+    assert (pairs.first.unpaired, pairs.n_pairs) == (0, 2)
+
+
+@pytest.mark.parametrize("late", [1, -(10**18)])
+def test_one_late_message_leaves_the_queue_as_it_is(late):
+    pairs = pairing()
+    pairs.add_first(100, "l100", tolerance_ns=0)
+    pairs.add_first(101, "l101", tolerance_ns=0)
+    pairs.add_first(late, "late", tolerance_ns=0)
+    assert pairs.add_second(100, "r100", tolerance_ns=0) == ("l100", "r100")
+    assert pairs.add_second(101, "r101", tolerance_ns=0) == ("l101", "r101")
+    assert pairs.add_second(late, "its partner", tolerance_ns=0) == ("late", "its partner")
+
+
+def test_a_message_replaces_an_earlier_one_of_its_stamp():
+    pairs = pairing()
+    pairs.add_first(1, "first", tolerance_ns=0)
+    pairs.add_first(1, "again", tolerance_ns=0)
+    assert pairs.add_second(1, "r", tolerance_ns=0) == ("again", "r")
+    assert (pairs.first.received, pairs.first.unpaired, pairs.first.waiting) == (2, 1, {})
+
+
+def test_topics_that_never_share_a_stamp_cost_bounded_memory_and_say_so():
+    pairs = StampPairing(TopicQueue("/left"), TopicQueue("/right"))
+    for i in range(10_000):
+        assert pairs.add_first(2 * i * MS, i, tolerance_ns=0) is None
+        assert pairs.add_second((2 * i + 1) * MS, i, tolerance_ns=0) is None
+    assert (len(pairs.first.waiting), len(pairs.second.waiting)) == (CAPACITY, CAPACITY)
+    assert pairs.first.unpaired == 10_000 - CAPACITY
+    assert "stamps differ by at least 0.001 s, allowed are 0 s" in pairs.silence(tolerance_ns=0)
+    assert pairs.losses(tolerance_ns=0).startswith("/left: 10000 of 10000 without partner, last stamp 19998000000 ns; ")
 
 
 def test_queues_are_bounded_and_drop_the_oldest():
@@ -47,26 +79,26 @@ def test_queues_are_bounded_and_drop_the_oldest():
     assert pairs.add_second(3, "r3", tolerance_ns=0) == ("l3", "r3")
 
 
-def test_time_that_jumps_back_clears_only_what_is_from_before():
+def test_time_that_jumps_back_pairs_as_before():
     pairs = pairing()
     pairs.add_first(100, "old", tolerance_ns=0)
     pairs.add_second(90, "old", tolerance_ns=0)
-    assert pairs.add_first(0, "l0", tolerance_ns=0) is None
-    assert pairs.add_first(1, "l1", tolerance_ns=0) is None
-    assert pairs.add_second(0, "r0", tolerance_ns=0) == ("l0", "r0")
-    assert pairs.add_second(1, "r1", tolerance_ns=0) == ("l1", "r1")
-    assert (pairs.first.unpaired, pairs.second.unpaired) == (1, 1)
+    for stamp in range(5):
+        assert pairs.add_first(stamp, f"l{stamp}", tolerance_ns=0) is None
+        assert pairs.add_second(stamp, f"r{stamp}", tolerance_ns=0) == (f"l{stamp}", f"r{stamp}")
+    assert (pairs.first.waiting, pairs.second.waiting) == ({100: "old"}, {90: "old"})
 
 
-def test_reason_names_topics_counts_stamps_and_difference():
+def test_silence_names_topics_counts_stamps_and_difference():
     pairs = pairing()
     assert (
-        pairs.reason(tolerance_ns=0) == "no messages for 0 s; /left: 0 received, none yet; /right: 0 received, none yet"
+        pairs.silence(tolerance_ns=0)
+        == "no messages for 0 s; /left: 0 received, none yet; /right: 0 received, none yet"
     )
     pairs.add_first(1_000_000_000, "l", tolerance_ns=5 * MS)
     pairs.add_second(1_040_000_000, "r", tolerance_ns=5 * MS)
     pairs.add_second(1_060_000_000, "r", tolerance_ns=5 * MS)
-    assert pairs.reason(tolerance_ns=5 * MS) == (
+    assert pairs.silence(tolerance_ns=5 * MS) == (
         "no pairs for 0 s; /left: 1 received, last stamp 1.000000; /right: 2 received, last stamp 1.060000; "
         "stamps differ by at least 0.04 s, allowed are 0.005 s"
     )

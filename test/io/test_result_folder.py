@@ -10,8 +10,8 @@ import pytest
 import recorded
 
 from lrtrav_ros import Config, Detector
-from lrtrav_ros.config import load_parameters
-from lrtrav_ros.io.encodings import read_disparity, read_image
+from lrtrav_ros.io.image_files import read_disparity, read_image
+from lrtrav_ros.io.parameter_file import read_parameter_file
 from lrtrav_ros.io.result_folder import (
     EXTRAS,
     ResultFolder,
@@ -27,7 +27,7 @@ CONFIG = Config().updated({"stereo.n_disparities": 64, "superpixels.n_superpixel
 @pytest.fixture(scope="module")
 def detection():
     frame = recorded.frames(n=1)[0]
-    return Detector(CONFIG, frame.camera).detect(frame.left, frame.right)
+    return Detector(CONFIG, frame.camera).detect_frame(frame)
 
 
 def rows(path):
@@ -42,7 +42,7 @@ def test_frame_is_written_with_all_extras(tmp_path, detection):
     short, long = detection.short_range, detection.long_range
     assert np.array_equal(read_image(out / "short_range/a b.png"), short.mask)
     assert np.array_equal(read_image(out / "long_range/a b.png"), long.mask)
-    assert read_image(out / "overlay/a b.jpg").shape == detection.left.shape
+    assert read_image(out / "overlay/a b.jpg").shape == detection.image.shape
     np.testing.assert_allclose(read_disparity(out / "disparity/a b.png"), detection.disparity, atol=1 / 512)
     assert np.array_equal(read_image(out / "superpixels/a b.png"), long.superpixels)
     assert np.array_equal(read_image(out / "clusters/a b.png"), long.clusters)
@@ -50,7 +50,7 @@ def test_frame_is_written_with_all_extras(tmp_path, detection):
     assert read_image(out / "u_disparity/a b.png").shape[:2] == short.u_disparity.shape
     assert read_image(out / "v_disparity/a b.png").shape[:2] == short.v_disparity.shape
     for extra in ("obstacle_disparity", "wld"):
-        assert read_image(out / extra / "a b.png").shape[:2] == detection.left.shape[:2]
+        assert read_image(out / extra / "a b.png").shape[:2] == detection.image.shape[:2]
 
 
 def test_row_says_what_was_measured(tmp_path, detection):
@@ -93,7 +93,7 @@ def test_rows_are_on_disk_as_soon_as_they_are_written(tmp_path):
 def test_configuration_is_read_back(tmp_path):
     with ResultFolder(tmp_path, CONFIG):
         pass
-    assert Config().updated(load_parameters(tmp_path / "config.yaml")) == CONFIG
+    assert read_parameter_file(tmp_path / "config.yaml").config() == CONFIG
 
 
 def test_unknown_extra_is_refused():

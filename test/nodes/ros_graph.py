@@ -18,8 +18,9 @@ from sensor_msgs.msg import CameraInfo
 from std_msgs.msg import Header
 
 from lrtrav_ros.camera import StereoCamera
+from lrtrav_ros.io.message_frames import header_stamp_ns
 from lrtrav_ros.nodes import diagnostics
-from lrtrav_ros.nodes.messages import array_to_image, stamp_ns
+from lrtrav_ros.nodes.messages import array_to_image
 
 ROOT = Path(__file__).parents[2]
 HEIGHT, WIDTH = 120, 160
@@ -53,11 +54,11 @@ def image(pixels, stamp):
     return array_to_image(pixels, header(stamp))
 
 
-def camera_info(*, right=False, fx=CAMERA.fx, baseline_m=CAMERA.baseline_m):
-    """Return the CameraInfo of one side."""
+def camera_info(*, right=False, fx=CAMERA.fx, baseline_m=CAMERA.baseline_m, size=(HEIGHT, WIDTH)):
+    """Return the CameraInfo of one side; `size` is height and width."""
     shift = -fx * baseline_m if right else 0.0
     p = [fx, 0.0, CAMERA.cx, shift, 0.0, fx, CAMERA.cy, 0.0, 0.0, 0.0, 1.0, 0.0]
-    return CameraInfo(header=header(0), height=HEIGHT, width=WIDTH, p=p)
+    return CameraInfo(header=header(0), height=size[0], width=size[1], p=p)
 
 
 class Graph:
@@ -115,7 +116,7 @@ class Graph:
         """Wait for the message of a stamp [ns] on a topic, and return it."""
 
         def matching():
-            return [message for message in self.received[topic] if stamp_ns(message) == stamp]
+            return [message for message in self.received[topic] if header_stamp_ns(message) == stamp]
 
         self.spin_until(matching)
         return matching()[0]

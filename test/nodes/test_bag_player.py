@@ -11,16 +11,17 @@ pytest.importorskip("rclpy")
 import itertools
 
 from ros_graph import CAMERA, N_DISPARITIES, Graph, process_starter, stereo_pair
+from rosbags import rosbag1
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import CameraInfo, Image
 
-from lrtrav_ros.io.bag_frames import write_stereo_bag
-from lrtrav_ros.io.dataset_folder import Frame
+from lrtrav_ros.frame import Frame
+from lrtrav_ros.io.bag_writer import write_stereo_bag
 from lrtrav_ros.io.encodings import decode_message
+from lrtrav_ros.io.message_frames import header_stamp_ns
 from lrtrav_ros.io.topics import COMPRESSED_TYPE, IMAGE_TYPE, INFO_TYPE
 from lrtrav_ros.nodes.bag_player import ReplayOptions, published_names
 from lrtrav_ros.nodes.long_range_node import LongRangeNode
-from lrtrav_ros.nodes.messages import stamp_ns
 from lrtrav_ros.nodes.short_range_node import ShortRangeNode
 
 SETTINGS = {"stereo.matcher": "bm", "stereo.n_disparities": N_DISPARITIES, "superpixels.n_superpixels": 40}
@@ -43,7 +44,10 @@ def left_images(graph):
     """Collect the left images that are replayed, and when they came."""
     received = []
     subscription = graph.tester.create_subscription(
-        Image, "left/image_rect", lambda message: received.append((stamp_ns(message), time.monotonic(), message)), 50
+        Image,
+        "left/image_rect",
+        lambda message: received.append((header_stamp_ns(message), time.monotonic(), message)),
+        50,
     )
     graph.received["long_range/mask"].clear()
     yield received
@@ -95,7 +99,7 @@ def test_a_loop_jumps_back_in_time_and_goes_on_until_a_signal(graph, left_images
     subscription = graph.tester.create_subscription(Clock, "/clock", clock.append, 10)
 
     def rounds():
-        stamps = [stamp_ns(message) for message in graph.received["long_range/mask"]]
+        stamps = [header_stamp_ns(message) for message in graph.received["long_range/mask"]]
         return sum(later < earlier for earlier, later in itertools.pairwise(stamps))
 
     graph.spin_until(lambda: rounds() >= 2 and clock, timeout_s=20)
@@ -116,7 +120,7 @@ def test_a_part_at_another_rate_under_other_names(graph, left_images, bags, star
     assert (status, errors) == (0, "")
     assert output.startswith("published 12 messages on 4 topics in ")
     assert [stamp for stamp, _, _ in left_images] == STAMPS[1:4]
-    assert [stamp_ns(info) for info in infos] == STAMPS[1:4]
+    assert [header_stamp_ns(info) for info in infos] == STAMPS[1:4]
     # Two periods at half the speed take 4 of the bag's; the first image may come late, which shortens them.
     assert left_images[-1][1] - left_images[0][1] > 1.3 * 2 * PERIOD_NS / 1e9
 
@@ -133,19 +137,33 @@ def test_what_can_be_read_of_a_truncated_bag_is_played(graph, bags, start, tmp_p
 
 
 @pytest.mark.parametrize(
-    ("arguments", "reason"),
+    ("status", "arguments", "reason"),
     [
-        (["nothing.mcap"], "replay: nothing.mcap: there is no such recording"),
-        (["{mcap}", "--rate", "0"], "replay: rate is 0; give a number above 0"),
-        (["{mcap}", "--start", "9"], "lasts 0.400 s; start at 9 s is behind its end"),
-        (["{mcap}", "--remap", "/left"], "replay: --remap /left: write FROM:=TO"),
-        (["{mcap}", "--remap", "/cam0:=elsewhere"], "has no topic '/cam0' to remap; there are /left/camera_info"),
+        (1, ["nothing.mcap"], "replay: nothing.mcap: there is no such recording"),
+        (2, ["{mcap}", "--rate", "0"], "replay: rate is 0; give a number above 0"),
+        (1, ["{mcap}", "--start", "9"], "lasts 0.400 s; start at 9 s is behind its end"),
+        (2, ["{mcap}", "--remap", "/left"], "replay: --remap /left: write FROM:=TO"),
+        (1, ["{mcap}", "--remap", "/cam0:=elsewhere"], "has no topic '/cam0' to remap; there are /left/camera_info"),
     ],
 )
-def test_errors_are_one_line(graph, bags, start, arguments, reason):
-    status, output, errors = finished(graph, start(*(argument.format(**bags) for argument in arguments)))
-    assert (status, output, errors.count("\n")) == (1, "", 1)
+def test_errors_are_one_line(graph, bags, start, status, arguments, reason):
+    found, output, errors = finished(graph, start(*(argument.format(**bags) for argument in arguments)))
+    assert (found, output, errors.count("\n")) == (status, "", 1)
     assert reason in errors
+
+
+@pytest.mark.parametrize("all_topics", [False, True])
+def test_a_type_that_is_not_installed_ends_the_replay_with_its_name(graph, start, tmp_path, all_topics):
+    bag = tmp_path / "own.bag"
+    with rosbag1.Writer(bag) as writer:
+        own = writer.add_connection("/own", "own_msgs/msg/Own", msgdef="uint8 a\n", md5sum="0" * 32)
+        writer.write(own, 3, b"\5")
+    options = ["--all"] if all_topics else ["--remap", "/own:=/mine"]
+    status, output, errors = finished(graph, start(str(bag), "--no-wait", *options))
+    assert (status, output) == (1, "")
+    assert "its type own_msgs/msg/Own is not installed" in errors
+    reason = "no topic has a type that is installed" if all_topics else "install the ROS package own_msgs"
+    assert errors.endswith(f"{reason}\n")
 
 
 def test_published_names():

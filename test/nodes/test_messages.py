@@ -11,6 +11,7 @@ from sensor_msgs.msg import CompressedImage, Image
 from stereo_msgs.msg import DisparityImage
 
 from lrtrav_ros.io.encodings import decode_message
+from lrtrav_ros.io.message_frames import depth_in_metres, disparity_in_pixels, header_stamp_ns
 from lrtrav_ros.nodes import messages
 
 RNG = np.random.default_rng(0)
@@ -30,7 +31,7 @@ def test_images_go_both_ways(shape, dtype, encoding, step):
     message = messages.array_to_image(pixels, header(12_000_000_034))
     assert (message.encoding, message.height, message.width, message.step) == (encoding, 4, 6, step)
     assert (message.header.stamp.sec, message.header.stamp.nanosec, message.is_bigendian) == (12, 34, 0)
-    assert messages.stamp_ns(message) == 12_000_000_034
+    assert header_stamp_ns(message) == 12_000_000_034
     np.testing.assert_array_equal(decode_message(message), pixels)
 
 
@@ -57,7 +58,7 @@ def test_disparity_goes_both_ways_without_nan():
     message = messages.disparity_to_message(disparity, header(7), CAMERA, n_disparities=32)
     pixels = decode_message(message.image)
     np.testing.assert_array_equal(pixels < message.min_disparity, disparity == 0)
-    np.testing.assert_array_equal(messages.message_to_disparity(message), disparity)
+    np.testing.assert_array_equal(disparity_in_pixels(message), disparity)
     assert (message.min_disparity, message.max_disparity, message.delta_d) == (0.0, 60.25, 0.0625)
     assert (message.valid_window.height, message.valid_window.width) == (2, 3)
     assert message.f == pytest.approx(CAMERA.fx)
@@ -67,15 +68,17 @@ def test_disparity_goes_both_ways_without_nan():
 def test_disparity_of_others_is_read_by_their_bounds():
     pixels = np.array([[np.nan, np.inf, 4.0], [2.0, 1.9, -1.0]], np.float32)
     message = DisparityImage(image=messages.array_to_image(pixels, header(0)), min_disparity=2.0, max_disparity=60.0)
-    np.testing.assert_array_equal(messages.message_to_disparity(message), [[0, 0, 4], [2, 0, 0]])
+    np.testing.assert_array_equal(disparity_in_pixels(message), [[0, np.inf, 4], [2, 0, 0]])
 
 
 def test_depth_in_either_encoding():
     millimetres = messages.array_to_image(np.array([[0, 1500, 65535]], np.uint16), header(0))
     millimetres.encoding = "16UC1"
-    np.testing.assert_allclose(messages.message_to_depth(millimetres), [[0, 1.5, 65.535]])
-    metres = messages.array_to_image(np.array([[np.nan, np.inf, 1.5, -1, 0]], np.float32), header(0))
-    np.testing.assert_array_equal(messages.message_to_depth(metres), np.array([[0, 0, 1.5, 0, 0]], np.float32))
+    np.testing.assert_allclose(depth_in_metres(decode_message(millimetres)), [[0, 1.5, 65.535]])
+    metres = messages.array_to_image(np.array([[0, 1.5, 0.25]], np.float32), header(0))
+    np.testing.assert_array_equal(depth_in_metres(decode_message(metres)), np.array([[0, 1.5, 0.25]], np.float32))
+    with pytest.raises(ValueError, match="16UC1"):
+        depth_in_metres(np.zeros((2, 3), np.uint8))
 
 
 def test_labels_beyond_16_bits_are_cut():

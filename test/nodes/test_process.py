@@ -119,16 +119,3 @@ def test_small_shared_memory_keeps_the_stock_segment(monkeypatch):
         monkeypatch.delenv(name, raising=False)
     transport.use_large_segment()
     assert not set(transport._VARIABLES) & set(os.environ)
-
-
-def test_launch_file_compiles_and_names_what_there_is():
-    path = ROOT / "launch" / "detector.launch.py"
-    compile(path.read_text(encoding="utf-8"), str(path), "exec")
-
-
-def test_launch_file_describes_the_detector():
-    pytest.importorskip("launch_ros")
-    source = (ROOT / "launch" / "detector.launch.py").read_text(encoding="utf-8")
-    namespace = {}
-    exec(compile(source, "detector.launch.py", "exec"), namespace)
-    assert len(namespace["generate_launch_description"]().entities) == len(namespace["ARGUMENTS"]) + 2

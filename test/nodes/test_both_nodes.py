@@ -29,10 +29,11 @@ from sensor_msgs.msg import Image
 from stereo_msgs.msg import DisparityImage
 
 from lrtrav_ros import Config, Detector
+from lrtrav_ros.detector import ShortRangeDetector
 from lrtrav_ros.io.encodings import decode_message
+from lrtrav_ros.io.message_frames import header_stamp_ns
 from lrtrav_ros.io.pictures import overlay
 from lrtrav_ros.nodes.long_range_node import LongRangeNode
-from lrtrav_ros.nodes.messages import stamp_ns
 from lrtrav_ros.nodes.short_range_node import ShortRangeNode
 
 SETTINGS = {
@@ -134,7 +135,7 @@ def empty(left, right):
 
 def other_size(left, right):
     right.height //= 2
-    return "(60, 160, 3)"
+    return "the right image is 160 x 60 pixels, but the left image is 160 x 120"
 
 
 def short_step(left, right):
@@ -161,15 +162,16 @@ def test_bad_images_are_reported_and_the_next_good_frame_is_processed(graph, spo
 
 
 @pytest.mark.parametrize(
-    ("info", "reason"),
+    ("side", "info", "reason"),
     [
-        (camera_info(right=True, baseline_m=0.0), "P[3] = -0, thus no baseline"),
-        (camera_info(right=True, fx=float("nan")), "P[0] = nan"),
+        ("right", camera_info(right=True, baseline_m=0.0), "P[3] = -0, thus no baseline"),
+        ("right", camera_info(right=True, fx=float("nan")), "P[0] = nan"),
+        ("left", camera_info(size=(WIDTH, HEIGHT)), "calibration is for 120 x 160 pixels, but the image is 160 x 120"),
     ],
 )
-def test_camera_info_without_calibration_is_reported(graph, info, reason):
+def test_camera_info_that_does_not_fit_is_reported(graph, side, info, reason):
     left, right = stereo_pair()
-    graph.publish("right/camera_info", info)
+    graph.publish(f"{side}/camera_info", info)
     bad_stamp, good_stamp = next(STAMPS), next(STAMPS)
     graph.publish("right/image_rect", image(right, bad_stamp))
     graph.publish("left/image_rect", image(left, bad_stamp), n_subscriptions=2)
@@ -198,6 +200,36 @@ def test_stamps_that_never_pair_are_explained(graph, monkeypatch):
     assert value(graph.status("short_range"), "frames unpaired") >= 1
 
 
+def test_one_late_image_keeps_no_other_from_pairing(graph):
+    left, right = stereo_pair()
+    stamp = next(STAMPS)
+    graph.publish("left/image_rect", image(left, stamp), n_subscriptions=2)
+    graph.publish("left/image_rect", image(left, stamp - 10**9), n_subscriptions=2)
+    graph.publish("right/image_rect", image(right, stamp))
+    assert graph.at("long_range/mask", stamp).width == WIDTH
+
+
+def test_an_occupancy_of_16_bits_is_reported(graph):
+    left, right = stereo_pair()
+    stamp, good_stamp = next(STAMPS), next(STAMPS)
+    graph.publish("left/image_rect", image(left, stamp), n_subscriptions=2)
+    graph.publish("short_range/occupancy", image(np.full((HEIGHT, WIDTH), 40_000, np.uint16), stamp))
+    status = graph.status("long_range", lambda status: status.message.startswith("last frame failed: "))
+    assert "occupancy" in status.message
+    assert "uint16" in status.message
+    publish(graph, left, right, good_stamp)
+    assert graph.at("long_range/mask", good_stamp).width == WIDTH
+
+
+def test_16_bit_pairs_give_what_the_detector_gives(graph):
+    grey = [pixels[..., 1].astype(np.uint16) for pixels in stereo_pair()]
+    left, right = grey[0] * 5, grey[1] * 9  # 11 and 12 bits
+    stamp = next(STAMPS)
+    publish(graph, left, right, stamp)
+    expected = Detector(Config().updated(SETTINGS), CAMERA).detect(left, right)
+    np.testing.assert_array_equal(decode_message(graph.at("long_range/mask", stamp)), expected.long_range.mask)
+
+
 def test_frames_after_a_jump_back_in_time_are_processed(graph):
     left, right = stereo_pair()
     graph.publish("left/image_rect", image(left, next(STAMPS)), n_subscriptions=2)  # waits for ever
@@ -208,14 +240,14 @@ def test_frames_after_a_jump_back_in_time_are_processed(graph):
 
 def test_the_newest_frame_wins(graph, monkeypatch):
     entered, gate = threading.Event(), threading.Event()
-    short_range = Detector.short_range
+    detect = ShortRangeDetector.detect
 
-    def gated(self, disparity, **options):
+    def gated(self, frame):
         entered.set()
         assert gate.wait(10)
-        return short_range(self, disparity, **options)
+        return detect(self, frame)
 
-    monkeypatch.setattr(Detector, "short_range", gated)
+    monkeypatch.setattr(ShortRangeDetector, "detect", gated)
     left, right = stereo_pair()
     before = graph.status("short_range")
     stamps = [next(STAMPS) for _ in range(4)]
@@ -230,14 +262,14 @@ def test_the_newest_frame_wins(graph, monkeypatch):
     processed = value(before, "frames processed") + 2
     after = graph.status("short_range", lambda status: value(status, "frames processed") == processed)
     assert value(after, "frames dropped") - value(before, "frames dropped") == 2
-    seen = {stamp_ns(message) for message in graph.received["short_range/mask"]}
+    seen = {header_stamp_ns(message) for message in graph.received["short_range/mask"]}
     assert seen & set(stamps) == {stamps[0], stamps[-1]}
 
 
 def test_an_unexpected_error_does_not_end_the_worker(graph, monkeypatch):
     left, right = stereo_pair()
     with monkeypatch.context() as patch:
-        patch.setattr(Detector, "short_range", lambda self, disparity, **options: 1 // 0)
+        patch.setattr(ShortRangeDetector, "detect", lambda self, frame: 1 // 0)
         publish(graph, left, right, next(STAMPS))
         status = graph.status("short_range", lambda status: status.message.startswith("last frame failed: "))
     assert status.message.endswith("integer division or modulo by zero")
@@ -247,7 +279,7 @@ def test_an_unexpected_error_does_not_end_the_worker(graph, monkeypatch):
 
 
 def drawn(detection):
-    return overlay(detection.left, detection.short_range.occupancy, detection.long_range.occupancy)
+    return overlay(detection.image, detection.short_range.occupancy, detection.long_range.occupancy)
 
 
 @pytest.mark.parametrize(
@@ -305,7 +337,7 @@ def test_parameters_change_while_running(graph):
     stamp = next(STAMPS)
     publish(graph, left, right, stamp)
     disparity = decode_message(graph.at("disparity", stamp).image)
-    expected = Detector(Config().updated({**SETTINGS, "stereo.matcher": "bm"}), CAMERA).match(left, right)
+    expected = Detector(Config().updated({**SETTINGS, "stereo.matcher": "bm"}), CAMERA).detect(left, right).disparity
     np.testing.assert_array_equal(disparity, np.where(expected > 0, expected, np.float32(-1)))
     assert answer("stereo.matcher", "sgbm").successful
 

@@ -1,0 +1,212 @@
+"""A frame: what a camera saw at one time, however it was recorded."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lrtrav_ros.camera import StereoCamera
+
+Image: TypeAlias = NDArray[Any]
+"""A grey (H, W) or BGR (H, W, 3) image of uint8 or uint16."""
+
+SOURCES = ("stereo", "disparity", "depth")
+"""Sources of disparity, in the order of preference."""
+
+_MAX_DISPARITY_PX = 2.0**15
+"""Nothing is this near: depth cameras of any baseline end far below."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Frame:
+    """The left image, the camera, and one of right image, disparity and depth; valid by construction.
+
+    Parameters
+    ----------
+    camera : StereoCamera
+        Calibration; where it tells the images' size, they must have it.
+    left : (H, W) or (H, W, 3) ndarray of uint8 or uint16, optional
+        Left image, grey or BGR. Only a frame that is made for short range alone, from disparity or depth, has none.
+    right : ndarray, optional
+        Right image, rectified like the left one, of its shape and type.
+    disparity : (H, W) ndarray of float32, optional
+        Disparity in pixels. What is no disparity (negative, not finite, absurdly large) becomes 0, which means none.
+    depth_m : (H, W) ndarray of float32, optional
+        Depth in metres; 0 for none, and what is negative or not finite becomes 0.
+    name : str
+        The file's name without suffix, or the left image's header stamp in nanoseconds.
+    stamp_ns : int, optional
+        Time of the left image in nanoseconds, where it is known.
+
+    Raises
+    ------
+    ValueError
+        If not exactly one of `right`, `disparity` and `depth_m` is given, or an array has another type or size; the
+        message says what it got and what it wants.
+    """
+
+    camera: StereoCamera
+    left: Image | None = None
+    right: Image | None = None
+    disparity: NDArray[np.float32] | None = None
+    depth_m: NDArray[np.float32] | None = None
+    name: str = ""
+    stamp_ns: int | None = None
+
+    def __post_init__(self) -> None:
+        if [self.right is None, self.disparity is None, self.depth_m is None].count(False) != 1:
+            raise ValueError("give exactly one of right image, disparity and depth")
+        if self.left is not None:
+            _check_image("left image", self.left)
+            self.camera.check_size(self.left.shape)
+        if self.right is not None:
+            self._check_right(self.right)
+        if self.disparity is not None:
+            object.__setattr__(self, "disparity", valid_disparity(self.disparity))
+            self._check_size("disparity", self.disparity)
+        if self.depth_m is not None:
+            object.__setattr__(self, "depth_m", valid_depth(self.depth_m))
+            self._check_size("depth", self.depth_m)
+
+    @property
+    def image(self) -> NDArray[np.uint8]:
+        """The left image with 8 bits per channel; see `as_8bit`. Raises ValueError for a frame without one."""
+        if self.left is None:
+            raise ValueError("the frame has no left image; the long range needs it")
+        return as_8bit(self.left)
+
+    @property
+    def source(self) -> str:
+        """The source of disparity; one of `SOURCES`."""
+        return "stereo" if self.right is not None else "disparity" if self.disparity is not None else "depth"
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Height and width in pixels."""
+        for image in (self.left, self.disparity, self.depth_m):
+            if image is not None:
+                return int(image.shape[0]), int(image.shape[1])
+        raise ValueError("a frame without images")  # pragma: no cover - refused when it is made
+
+    def _check_right(self, right: Image) -> None:
+        if self.left is None:
+            raise ValueError("a right image needs a left one; give both")
+        _check_image("right image", right)
+        self._check_size("right image", right)
+        if right.shape != self.left.shape or right.dtype != self.left.dtype:
+            raise ValueError(
+                f"left image is {self.left.shape} {self.left.dtype}, right image {right.shape} {right.dtype}; "
+                "give images of one number of channels and type"
+            )
+
+    def _check_size(self, name: str, image: NDArray[Any]) -> None:
+        """Raise ValueError where an image is not of the left one's size, or of that the camera is calibrated for."""
+        if self.left is None:
+            self.camera.check_size(image.shape)
+        elif image.shape[:2] != self.left.shape[:2]:
+            size, wanted = (f"{shape[1]} x {shape[0]}" for shape in (image.shape, self.left.shape))
+            raise ValueError(f"the {name} is {size} pixels, but the left image is {wanted}; give images of one size")
+
+
+def _check_image(name: str, image: Image) -> None:
+    if image.ndim not in (2, 3) or (image.ndim == 3 and image.shape[2] != 3) or image.size == 0:
+        raise ValueError(f"{name} has shape {image.shape}; give (H, W) or (H, W, 3), not empty")
+    if image.dtype not in (np.uint8, np.uint16):
+        raise ValueError(f"{name} has type {image.dtype}; give uint8 or uint16")
+
+
+def as_8bit(image: Image) -> NDArray[np.uint8]:
+    """Return a grey or colour image with 8 bits per channel; see `pair_as_8bit`.
+
+    Raises
+    ------
+    ValueError
+        If the image is of another type than uint8 or uint16.
+    """
+    return _shifted(image, _excess_bits(image))
+
+
+def pair_as_8bit(left: Image, right: Image) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+    """Return two images with 8 bits per channel, scaled alike.
+
+    A camera of 10 or 12 bits fills only a part of its 16: the significant bits of the brightest pixel of both are kept,
+    so that the result is the image divided by a power of two, 1 .. 256. No pixel is scaled up, and none is clipped.
+
+    Parameters
+    ----------
+    left, right : (H, W) or (H, W, 3) ndarray of uint8 or uint16
+
+    Raises
+    ------
+    ValueError
+        If an image is of another type.
+    """
+    excess = max(_excess_bits(left), _excess_bits(right))
+    return _shifted(left, excess), _shifted(right, excess)
+
+
+def _excess_bits(image: Image) -> int:
+    """Return how many bits the brightest pixel has beyond 8."""
+    if image.dtype not in (np.uint8, np.uint16):
+        raise ValueError(f"image has type {image.dtype}; give uint8 or uint16")
+    return 0 if image.dtype == np.uint8 or not image.size else max(int(image.max()).bit_length() - 8, 0)
+
+
+def _shifted(image: Image, bits: int) -> NDArray[np.uint8]:
+    return (image >> bits if bits else image).astype(np.uint8, copy=False)
+
+
+def valid_disparity(disparity: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return disparity in pixels with 0, which means none, in place of what is no disparity.
+
+    Negative, infinite, absurdly large (2^15 pixels and more) and NaN values are none.
+
+    Parameters
+    ----------
+    disparity : (H, W) ndarray of float32
+
+    Returns
+    -------
+    (H, W) ndarray of float32
+        `disparity` itself where all of it is valid.
+
+    Raises
+    ------
+    ValueError
+        If it is not such an array.
+    """
+    _check_float_image("disparity", disparity)
+    return _positive(disparity, _MAX_DISPARITY_PX)
+
+
+def valid_depth(depth_m: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return depth in metres with 0, which means none, in place of what is negative or not finite.
+
+    Parameters
+    ----------
+    depth_m : (H, W) ndarray of float32
+
+    Raises
+    ------
+    ValueError
+        If it is not such an array.
+    """
+    _check_float_image("depth", depth_m)
+    return _positive(depth_m, np.inf)
+
+
+def _check_float_image(name: str, image: NDArray[Any]) -> None:
+    if image.ndim != 2 or image.dtype != np.float32 or image.size == 0:
+        raise ValueError(
+            f"{name} image has shape {image.shape} and type {image.dtype}; give float32 (height, width), not empty"
+        )
+
+
+def _positive(values: NDArray[np.float32], limit: float) -> NDArray[np.float32]:
+    """Return `values`, 0 where they are not above 0 and below `limit`; without a copy where all are."""
+    if values.min() >= 0 and values.max() < limit:  # false where there is a NaN
+        return values
+    return np.where((values > 0) & (values < limit), values, np.float32(0))

@@ -1,0 +1,121 @@
+"""Messages of one moment, of rclpy or of rosbags, as a frame: bags and nodes make theirs here, and so alike."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lrtrav_ros.camera import StereoCamera
+from lrtrav_ros.frame import Frame, Image
+from lrtrav_ros.io.camera_info import depth_camera, disparity_camera, stereo_camera
+from lrtrav_ros.io.encodings import decode_message
+
+_MILLIMETRES = 1000
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FrameMessages:
+    """The messages of one moment.
+
+    Attributes
+    ----------
+    source : str
+        Source of disparity: ``stereo``, ``disparity`` or ``depth``.
+    partner : sensor_msgs/Image, sensor_msgs/CompressedImage or stereo_msgs/DisparityImage
+        The right image, the disparity image or the depth image.
+    left_info : sensor_msgs/CameraInfo
+        Calibration of the left image.
+    right_info : sensor_msgs/CameraInfo, optional
+        That of the right one, which gives the baseline; a depth camera may do without.
+    left : sensor_msgs/Image or sensor_msgs/CompressedImage, optional
+        The left image; disparity and depth may do without.
+    """
+
+    source: str
+    partner: Any
+    left_info: Any
+    right_info: Any | None = None
+    left: Any | None = None
+
+    @property
+    def header(self) -> Any:
+        """The ``std_msgs/Header`` of the left image, or else of its partner."""
+        return (self.partner if self.left is None else self.left).header
+
+    @property
+    def stamp_ns(self) -> int:
+        """Time of the frame in nanoseconds."""
+        return header_stamp_ns(self)
+
+
+def header_stamp_ns(message: Any) -> int:
+    """Return the header stamp of a message in nanoseconds."""
+    stamp = message.header.stamp
+    return int(stamp.sec) * 10**9 + int(stamp.nanosec)
+
+
+def frame_of(messages: FrameMessages) -> Frame:
+    """Return the frame that messages hold, named by its stamp in nanoseconds.
+
+    Raises
+    ------
+    ValueError
+        If a message is not whole, the calibration has no focal length or baseline, or sizes or types do not fit each
+        other; see `Frame`.
+    """
+    stamp_ns = messages.stamp_ns
+    left = None if messages.left is None else decode_message(messages.left)
+    right = disparity = depth_m = None
+    if messages.source == "stereo":
+        right = decode_message(messages.partner)
+    elif messages.source == "disparity":
+        disparity = disparity_in_pixels(messages.partner)
+    else:
+        depth_m = depth_in_metres(decode_message(messages.partner))
+    return Frame(
+        camera=_camera(messages),
+        left=left,
+        right=right,
+        disparity=disparity,
+        depth_m=depth_m,
+        name=str(stamp_ns),
+        stamp_ns=stamp_ns,
+    )
+
+
+def _camera(messages: FrameMessages) -> StereoCamera:
+    if messages.source == "stereo":
+        return stereo_camera(messages.left_info, messages.right_info)
+    if messages.source == "disparity":
+        return disparity_camera(messages.partner, messages.left_info)
+    return depth_camera(messages.left_info, messages.right_info)
+
+
+def disparity_in_pixels(message: Any) -> NDArray[np.float32]:
+    """Return the image of a ``stereo_msgs/DisparityImage`` (H, W), with 0 for what is below its least disparity.
+
+    Raises
+    ------
+    ValueError
+        If the message is not whole, or its image is not (H, W) of float32.
+    """
+    image = decode_message(message.image)
+    if image.ndim != 2 or image.dtype != np.float32:
+        raise ValueError(f"disparity image has shape {image.shape} and type {image.dtype}; give 32FC1")
+    return np.where(image >= message.min_disparity, image, np.float32(0))
+
+
+def depth_in_metres(image: Image) -> NDArray[np.float32]:
+    """Return a depth image (uint16 in millimetres, float32 in metres) as metres.
+
+    Raises
+    ------
+    ValueError
+        If the image is not (H, W) of uint16 or float32.
+    """
+    if image.ndim != 2 or image.dtype not in (np.uint16, np.float32):
+        raise ValueError(f"depth image has shape {image.shape} and type {image.dtype}; give 16UC1 [mm] or 32FC1 [m]")
+    return image.astype(np.float32) / np.float32(_MILLIMETRES) if image.dtype == np.uint16 else image

@@ -1,0 +1,63 @@
+"""Bags that were cut off or damaged, of each format."""
+
+import numpy as np
+import pytest
+from recorder import START_NS, Recorder, assert_same, make_frames, random_image, record_pairs, storage_file
+
+from lrtrav_ros.io.bag_frames import StereoBag
+from lrtrav_ros.io.bag_writer import FORMATS, write_stereo_bag
+
+
+@pytest.mark.parametrize("share", [0.95, 0.5])
+@pytest.mark.parametrize("kind", FORMATS)
+def test_a_bag_that_is_cut_off_yields_what_is_left(kind, share, tmp_path):
+    frames = make_frames(40)
+    write_stereo_bag(tmp_path / "bag", frames, format=kind)
+    file = storage_file(tmp_path / "bag")
+    file.write_bytes(file.read_bytes()[: int(file.stat().st_size * share)])
+    with StereoBag(tmp_path / "bag") as bag:
+        result = list(bag.frames())
+        assert "damaged or not finished" in bag.problems[0]
+        assert any("cut off or damaged" in problem for problem in bag.problems[1:])
+    assert 40 * share - 4 <= len(result) <= 40 * share + 2
+    for frame, written in zip(result, frames, strict=False):
+        assert_same(frame, written)
+
+
+@pytest.mark.parametrize("kind", ["mcap", "sqlite3"])
+def test_a_recording_without_metadata_is_read(kind, tmp_path):
+    write_stereo_bag(tmp_path / "bag", make_frames(3), format=kind)
+    (tmp_path / "bag" / "metadata.yaml").unlink()
+    with StereoBag(tmp_path / "bag") as bag:
+        assert len(list(bag.frames())) == len(bag) == 3
+        assert len(bag.problems) == 1
+
+
+@pytest.mark.parametrize(("kind", "compression"), [("rosbag1", "BZ2"), ("rosbag1", "LZ4"), ("mcap", "ZSTD")])
+def test_compressed_chunks_are_recovered(kind, compression, tmp_path):
+    recorder = Recorder(tmp_path / "bag", kind, compression)
+    record_pairs(recorder, 40)
+    recorder.close()
+    file = storage_file(recorder.path)
+    file.write_bytes(file.read_bytes()[: file.stat().st_size // 2])
+    with StereoBag(recorder.path, max_stamp_difference_s=0) as bag:
+        frames = list(bag.frames())
+    assert 10 <= len(frames) <= 25
+    for i, frame in enumerate(frames):
+        assert np.array_equal(frame.left, random_image(i))
+
+
+def test_a_damaged_chunk_costs_its_own_messages_only(tmp_path):
+    recorder = Recorder(tmp_path / "bag", "rosbag1")
+    record_pairs(recorder, 40)
+    recorder.close()
+    data = bytearray(recorder.path.read_bytes())
+    middle = data.index(random_image(20).tobytes())
+    data[middle - 200 : middle] = b"\xff" * 200
+    recorder.path.write_bytes(data)
+    with StereoBag(recorder.path, max_stamp_difference_s=0) as bag:
+        found = [frame.stamp_ns - START_NS for frame in bag.frames()]
+        assert "damaged" in bag.problems[0]
+    assert set(found) >= {*range(15), *range(25, 40)}
+    assert 20 not in found
+    assert found == sorted(set(found))
