@@ -1,9 +1,16 @@
 """Improved spectral clustering: scale, number of clusters and initial centres come from the data.
 
-Lu et al., IROS 2015, section IV; Ng, Jordan and Weiss, NIPS 2001.
+References
+----------
+.. [1] H. Lu et al., "Long Range Traversable Region Detection Based on Superpixels Clustering for Mobile Robots",
+       IROS 2015, section IV.
+.. [2] A. Ng, M. Jordan and Y. Weiss, "On Spectral Clustering: Analysis and an Algorithm", NIPS 2001.
 """
 
 from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,64 +18,101 @@ from scipy.linalg import eigh
 
 from lrtrav_ros.config import ClusteringConfig
 from lrtrav_ros.numerics.blas import one_blas_thread
+from lrtrav_ros.numerics.checks import check_array, check_distances, check_finite
 
 _MAX_ITERATIONS = 100
 
 
 @one_blas_thread()
-def spectral_clusters(
-    distances: NDArray[np.float64],
-    config: ClusteringConfig = ClusteringConfig(),  # noqa: B008 - frozen
-) -> NDArray[np.int32]:
+def spectral_clusters(distances: NDArray[np.float64], config: ClusteringConfig | None = None) -> NDArray[np.int32]:
     """Cluster items by the distances between them.
 
     Parameters
     ----------
-    distances
-        float64 (n, n), symmetric, zero on the diagonal.
+    distances : (n, n) ndarray of float64
+        Symmetric, zero on the diagonal; n may be 0.
+    config : ClusteringConfig, optional
+        The number of clusters, the initial centres and the seed: more clusters than there are kinds of things keep
+        different things apart.
 
     Returns
     -------
-    NDArray[np.int32]
-        The cluster of each item, (n,), numbers 0 .. k - 1 without gaps; k is at most n.
+    (n,) ndarray of int32
+        The cluster of each item, numbers 0 .. k - 1 without gaps; k is at most n.
 
     Raises
     ------
-    ValueError
-        If `distances` is not square, or holds a value that is not finite.
+    TypeError, ValueError
+        If `distances` is no such array, or holds a value that is negative or not finite.
     """
-    if distances.ndim != 2 or distances.shape[0] != distances.shape[1] or not np.isfinite(distances).all():
-        raise ValueError(f"distances are {distances.shape}; give a square matrix of finite numbers")
+    config = config or ClusteringConfig()
+    check_distances("distances", distances)
     if len(distances) < 2:
         return np.zeros(len(distances), np.int32)
     n = len(distances)
-    normalised = _normalised(affinity(distances))
+    normalised = _normalised(_affinity(distances))
     k = min(config.k or automatic_k(np.linalg.eigvalsh(normalised)[::-1]), n)
-    embedded = eigh(normalised, subset_by_index=(n - k, n - 1))[1]
+    embedded = _last_eigenvectors(normalised, k)
     norm = np.linalg.norm(embedded, axis=1, keepdims=True)
     embedded = embedded / np.where(norm > 0, norm, 1)
     rng = np.random.default_rng(config.seed)
-    centres = _farthest_centres(embedded, k, rng) if config.centres == "farthest" else _random_centres(embedded, k, rng)
-    return _k_means(embedded, centres)
+    return _k_means(embedded, CENTRES[config.centres](embedded, k, rng))
 
 
 def affinity(distances: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return exp(-d^2 / 2 sigma^2) with a zero diagonal; sigma is the largest distance to a nearest neighbour."""
+    """Return exp(-d^2 / 2 sigma^2) with a zero diagonal; sigma is the largest distance to a nearest neighbour.
+
+    Parameters
+    ----------
+    distances : (n, n) ndarray of float64
+        Symmetric, zero on the diagonal.
+
+    Returns
+    -------
+    (n, n) ndarray of float64
+        0 .. 1.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If `distances` is no such array, or holds a value that is negative or not finite.
+    """
+    check_distances("distances", distances)
+    return _affinity(distances)
+
+
+def _affinity(distances: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the affinity of distances that are known to be some."""
+    if len(distances) < 2:
+        return np.zeros_like(distances)
     others = distances + np.diag(np.full(len(distances), np.inf))
     sigma = float(others.min(axis=1).max())
-    similar = np.exp(-((distances / sigma) ** 2) / 2) if sigma > 0 else (distances == 0).astype(np.float64)
+    with np.errstate(over="ignore"):  # whatever is so much farther is not alike at all
+        similar = np.exp(-((distances / sigma) ** 2) / 2) if sigma > 0 else (distances == 0).astype(np.float64)
     np.fill_diagonal(similar, 0)
     return similar
 
 
-def automatic_k(eigenvalues: NDArray[np.floating]) -> int:
+def automatic_k(eigenvalues: NDArray[np.floating[Any]]) -> int:
     """Return 1 + argmax of the gaps lambda_i - lambda_(i+1), i from 1, the first left out for lambda_1 = 1.
 
     Parameters
     ----------
-    eigenvalues
-        Of the normalised affinity, in falling order.
+    eigenvalues : (n,) ndarray of float32 or float64
+        Those of the normalised affinity, in falling order.
+
+    Returns
+    -------
+    int
+        The number of clusters, from 3 up, or n where that is less.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If `eigenvalues` is no such array, is empty, or holds a value that is not finite.
     """
+    check_array("eigenvalues", eigenvalues, (np.float32, np.float64), ("n",))
+    check_finite("eigenvalues", eigenvalues)
     gaps = np.abs(np.diff(eigenvalues))[1:]
     return int(np.argmax(gaps)) + 3 if gaps.size else len(eigenvalues)
 
@@ -78,6 +122,15 @@ def _normalised(similar: NDArray[np.float64]) -> NDArray[np.float64]:
     degree = similar.sum(axis=1)
     scale = np.divide(1, np.sqrt(degree), out=np.zeros_like(degree), where=degree > 0)
     return similar * scale * scale[:, None]
+
+
+def _last_eigenvectors(matrix: NDArray[np.float64], k: int) -> NDArray[np.float64]:
+    """Return the eigenvectors of the k largest eigenvalues, as columns."""
+    n = len(matrix)
+    try:
+        return eigh(matrix, subset_by_index=(n - k, n - 1))[1]
+    except np.linalg.LinAlgError:  # many equal eigenvalues, as of an image without anything in it
+        return np.linalg.eigh(matrix)[1][:, n - k :]
 
 
 def _farthest_centres(points: NDArray[np.float64], k: int, rng: np.random.Generator) -> NDArray[np.float64]:
@@ -91,7 +144,15 @@ def _farthest_centres(points: NDArray[np.float64], k: int, rng: np.random.Genera
 
 
 def _random_centres(points: NDArray[np.float64], k: int, rng: np.random.Generator) -> NDArray[np.float64]:
+    """Return k points at random."""
     return points[rng.choice(len(points), k, replace=False)]
+
+
+CENTRES: dict[str, Callable[[NDArray[np.float64], int, np.random.Generator], NDArray[np.float64]]] = {
+    "farthest": _farthest_centres,
+    "random": _random_centres,
+}
+"""Initial centres of k-means, by the names that the setting ``clustering.centres`` has for them."""
 
 
 def _k_means(points: NDArray[np.float64], centres: NDArray[np.float64]) -> NDArray[np.int32]:

@@ -1,55 +1,103 @@
-"""Extension of the short-range ground over clusters of superpixels, to the horizon."""
+"""Extension of the short-range ground over clusters of superpixels, to the horizon.
+
+References
+----------
+.. [1] H. Lu et al., "Long Range Traversable Region Detection Based on Superpixels Clustering for Mobile Robots",
+       IROS 2015.
+"""
 
 from __future__ import annotations
 
-import numba
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from lrtrav_ros.config import ExtensionConfig
+from lrtrav_ros.method import _extension_kernels as kernels
 from lrtrav_ros.method.ground import GROUND, OBSTACLE, UNKNOWN
+from lrtrav_ros.numerics.checks import check_array, check_labels
 
 
 def extend(
     occupancy: NDArray[np.uint8],
     superpixels: NDArray[np.int32],
     clusters: NDArray[np.int32],
-    config: ExtensionConfig = ExtensionConfig(),  # noqa: B008 - frozen
+    config: ExtensionConfig | None = None,
 ) -> NDArray[np.uint8]:
     """Extend short-range ground over the clusters.
 
     Parameters
     ----------
-    occupancy
-        Short range, uint8 (H, W): 0 ground, 100 obstacle, 255 unknown.
-    superpixels
-        Labels 0 .. n - 1, int32 (H, W).
-    clusters
-        The cluster of each superpixel, int32 (n,).
+    occupancy : (H, W) ndarray of uint8
+        Short range: 0 ground, 100 obstacle, 255 unknown.
+    superpixels : (H, W) ndarray of int32
+        Labels 0 .. n - 1.
+    clusters : (n,) ndarray of int32
+        The cluster of each superpixel, a number from 0 to n - 1.
+    config : ExtensionConfig, optional
+        The rule, and the share of ground that makes a cluster traversable: raise it where the mask runs into obstacles.
 
     Returns
     -------
-    NDArray[np.uint8]
-        Long range, uint8 (H, W): 0 traversable, 100 not, 255 where nothing tells (with the rule ``evidence``).
+    (H, W) ndarray of uint8
+        Long range: 0 traversable, 100 not, 255 where nothing tells (with the rule ``evidence``).
 
     Raises
     ------
-    ValueError
-        If the two images differ in size.
+    TypeError, ValueError
+        If an argument is no such array, or the two images differ in size.
     """
-    if occupancy.shape != superpixels.shape:
-        raise ValueError(f"occupancy is {occupancy.shape}, superpixels {superpixels.shape}; give images of one size")
-    if config.rule == "area":
-        return _extend_by_area(occupancy, superpixels, clusters, config.min_share)
-    return _extend_by_evidence(occupancy, superpixels, clusters, config.min_share)
+    config = config or ExtensionConfig()
+    check_array("superpixels", superpixels, np.int32, ("H", "W"))
+    check_array("occupancy", occupancy, np.uint8, superpixels.shape)
+    _check_clusters(clusters, superpixels)
+    return RULES[config.rule](occupancy, superpixels, clusters, config.min_share)
+
+
+def connected_regions(superpixels: NDArray[np.int32], clusters: NDArray[np.int32]) -> NDArray[np.int32]:
+    """Return the connected region of each superpixel: neighbours of the same cluster are of one region.
+
+    Parameters
+    ----------
+    superpixels : (H, W) ndarray of int32
+        Labels 0 .. n - 1.
+    clusters : (n,) ndarray of int32
+        The cluster of each superpixel, a number from 0 to n - 1.
+
+    Returns
+    -------
+    (n,) ndarray of int32
+        Numbers 0, 1, ... without gaps.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If an argument is no such array.
+    """
+    check_array("superpixels", superpixels, np.int32, ("H", "W"))
+    _check_clusters(clusters, superpixels)
+    n = len(clusters)
+    touching = np.zeros((n, n), np.bool_)
+    kernels.mark_neighbours(np.ascontiguousarray(superpixels), touching)
+    first, second = np.nonzero(touching & (clusters[:, None] == clusters))
+    graph = coo_array((np.ones(len(first), np.int8), (first, second)), shape=(n, n))
+    return np.asarray(connected_components(graph, directed=False)[1], np.int32)
+
+
+def _check_clusters(clusters: NDArray[np.int32], superpixels: NDArray[np.int32]) -> None:
+    """Check that every superpixel has a cluster."""
+    check_array("clusters", clusters, np.int32, ("n",))
+    check_labels("clusters", clusters, len(clusters))
+    check_labels("superpixels", superpixels, len(clusters))
 
 
 def _extend_by_area(
     occupancy: NDArray[np.uint8], superpixels: NDArray[np.int32], clusters: NDArray[np.int32], min_share: float
 ) -> NDArray[np.uint8]:
-    """The paper's rule: clusters with enough short-range ground in their area, and that ground itself."""
+    """Take the clusters with enough short-range ground in their area, and that ground itself: the rule of [1]."""
     ground, _ = _evidence(occupancy, superpixels, len(clusters))
     inside = np.bincount(clusters, ground)
     area = np.bincount(clusters, np.bincount(superpixels.ravel(), minlength=len(clusters)))
@@ -62,7 +110,7 @@ def _extend_by_area(
 def _extend_by_evidence(
     occupancy: NDArray[np.uint8], superpixels: NDArray[np.int32], clusters: NDArray[np.int32], min_share: float
 ) -> NDArray[np.uint8]:
-    """Connected regions of a cluster are judged by their pixels with evidence; evidence itself always stands.
+    """Judge connected regions of a cluster by their pixels with evidence; evidence itself always stands.
 
     A region without evidence is judged as its whole cluster is.
     """
@@ -73,25 +121,22 @@ def _extend_by_evidence(
     return np.where(occupancy == UNKNOWN, verdict[superpixels], occupancy)
 
 
+RULES: dict[str, Callable[[NDArray[np.uint8], NDArray[np.int32], NDArray[np.int32], float], NDArray[np.uint8]]] = {
+    "area": _extend_by_area,
+    "evidence": _extend_by_evidence,
+}
+"""The rules, by the names that the setting ``extension.rule`` has for them."""
+
+
 def _verdict(
     groups: NDArray[np.int32], ground: NDArray[np.int64], obstacle: NDArray[np.int64], min_share: float
 ) -> NDArray[np.uint8]:
-    """Return for each superpixel what the evidence in its group says: ground, obstacle or, without any, unknown."""
-    for_it = np.bincount(groups, ground)
-    evidence = for_it + np.bincount(groups, obstacle)
-    verdict = np.where(for_it > min_share * evidence, np.uint8(GROUND), np.uint8(OBSTACLE))
+    """Return the verdict of the evidence in each superpixel's group: ground, obstacle or, without any, unknown."""
+    ground_pixels = np.bincount(groups, ground)
+    evidence = ground_pixels + np.bincount(groups, obstacle)
+    verdict = np.where(ground_pixels > min_share * evidence, np.uint8(GROUND), np.uint8(OBSTACLE))
     verdict[evidence == 0] = UNKNOWN
     return verdict[groups]
-
-
-def connected_regions(superpixels: NDArray[np.int32], clusters: NDArray[np.int32]) -> NDArray[np.int32]:
-    """Return for each superpixel its connected region (n,): neighbours of the same cluster are of one region."""
-    n = len(clusters)
-    touching = np.zeros((n, n), np.bool_)
-    _mark_neighbours(superpixels, touching)
-    first, second = np.nonzero(touching & (clusters[:, None] == clusters))
-    graph = coo_array((np.ones(len(first), np.int8), (first, second)), shape=(n, n))
-    return np.asarray(connected_components(graph, directed=False)[1], np.int32)
 
 
 def _evidence(
@@ -99,25 +144,5 @@ def _evidence(
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Return the numbers of ground and of obstacle pixels in each of n superpixels."""
     counts = np.zeros((n, 256), np.int64)
-    _count_values(occupancy, superpixels, counts)
+    kernels.count_values(np.ascontiguousarray(occupancy), np.ascontiguousarray(superpixels), counts)
     return counts[:, GROUND], counts[:, OBSTACLE]
-
-
-@numba.njit(cache=True, nogil=True)
-def _count_values(image, superpixels, counts):  # type: ignore[no-untyped-def]
-    """Add each pixel of an 8-bit image to its value's count (n, 256) in its superpixel."""
-    for v in range(image.shape[0]):
-        for u in range(image.shape[1]):
-            counts[superpixels[v, u], image[v, u]] += 1
-
-
-@numba.njit(cache=True, nogil=True)
-def _mark_neighbours(superpixels, touching):  # type: ignore[no-untyped-def]
-    """Mark each pair of labels that meet in a row or a column."""
-    height, width = superpixels.shape
-    for v in range(height):
-        for u in range(width):
-            if u + 1 < width:
-                touching[superpixels[v, u], superpixels[v, u + 1]] = True
-            if v + 1 < height:
-                touching[superpixels[v, u], superpixels[v + 1, u]] = True

@@ -1,25 +1,39 @@
 """Colour and texture histograms of superpixels, and distances between them.
 
-Lu et al., IROS 2015, section III. Weber's law descriptor: Chen et al., PAMI 2010; LBP: Ojala et al., PAMI 2002;
-centre-symmetric LBP: Heikkilä et al., Pattern Recognition 2009; local ternary patterns: Tan and Triggs, TIP 2010;
-homogeneity: Jing et al., Pattern Recognition Letters 2003.
+References
+----------
+.. [1] H. Lu et al., "Long Range Traversable Region Detection Based on Superpixels Clustering for Mobile Robots",
+       IROS 2015, section III.
+.. [2] J. Chen et al., "WLD: A Robust Local Image Descriptor", IEEE PAMI 32(9), 2010.
+.. [3] T. Ojala, M. Pietikäinen and T. Mäenpää, "Multiresolution Gray-Scale and Rotation Invariant Texture
+       Classification with Local Binary Patterns", IEEE PAMI 24(7), 2002.
+.. [4] M. Heikkilä, M. Pietikäinen and C. Schmid, "Description of Interest Regions with Local Binary Patterns", Pattern
+       Recognition 42(3), 2009.
+.. [5] X. Tan and B. Triggs, "Enhanced Local Texture Feature Sets for Face Recognition Under Difficult Lighting
+       Conditions", IEEE TIP 19(6), 2010.
+.. [6] Homogeneity: F. Jing et al., Pattern Recognition Letters, 2003.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import dataclass
 from functools import lru_cache
+from typing import Any
 
 import cv2
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from lrtrav_ros.config import FeaturesConfig
+from lrtrav_ros.method import _features_kernels as kernels
 from lrtrav_ros.numerics.blas import one_blas_thread
+from lrtrav_ros.numerics.checks import check_array, check_distances, check_image, check_labels
 
 HSV_BINS = (9, 8, 6)
-TEXTURE_BINS = {"wld": 256, "lbp": 256, "cs_lbp": 16, "ltp": 512, "homogeneity": 256}
+"""Bins of the colour histogram along hue, saturation and value."""
 
+_MAX_SHARE = 1 + 1e-3  # of a histogram in one bin: its sum is not exact
 _WEBER_GAIN = 3.0
 _TERNARY_THRESHOLD = 5
 _CS_LBP_THRESHOLD = 0.01 * 255
@@ -27,35 +41,83 @@ _NEIGHBOURS = ((-1, -1), (-1, 0), (-1, 1), (0, 1), (1, 1), (1, 0), (1, -1), (0, 
 
 
 def superpixel_distances(
-    image: NDArray[np.uint8],
-    superpixels: NDArray[np.int32],
-    config: FeaturesConfig = FeaturesConfig(),  # noqa: B008 - frozen
+    image: NDArray[np.uint8], superpixels: NDArray[np.int32], config: FeaturesConfig | None = None
 ) -> NDArray[np.float64]:
-    """Return the distance of each superpixel to each, float64 (n, n), symmetric with a zero diagonal.
+    """Return the distance of each superpixel to each.
 
     Parameters
     ----------
-    image
-        BGR uint8 (H, W, 3) or grey uint8 (H, W). The colour histogram of a grey image tells brightness alone.
-    superpixels
-        Labels 0 .. n - 1, int32 (H, W).
+    image : (H, W) or (H, W, 3) ndarray of uint8
+        Grey or BGR. The colour histogram of a grey image tells brightness alone.
+    superpixels : (H, W) ndarray of int32
+        Labels 0 .. n - 1.
+    config : FeaturesConfig, optional
+        The cues, the texture descriptor and the distance between histograms; the defaults are the best of [1].
+
+    Returns
+    -------
+    (n, n) ndarray of float64
+        Symmetric, with a zero diagonal.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If an image is not as above, or the two differ in size.
     """
-    colour = texture = None
-    if config.cues != "texture":
-        colour = histogram_distances(colour_histograms(image, superpixels), config.distance)
-    if config.cues != "colour":
-        texture = histogram_distances(texture_histograms(image, superpixels, config.texture), config.distance)
-    if colour is None or texture is None:
-        distances = texture if colour is None else colour
-        if distances is None:
-            raise ValueError(f"features.cues is {config.cues!r}; choose one of both, colour, texture")
-        return distances
-    return weighted_sum(colour, texture)
+    config = config or FeaturesConfig()
+    return CUES[config.cues](image, superpixels, config)
+
+
+def _colour_distances(
+    image: NDArray[np.uint8], superpixels: NDArray[np.int32], config: FeaturesConfig
+) -> NDArray[np.float64]:
+    """Return the distances by colour."""
+    return histogram_distances(colour_histograms(image, superpixels), config.distance)
+
+
+def _texture_distances(
+    image: NDArray[np.uint8], superpixels: NDArray[np.int32], config: FeaturesConfig
+) -> NDArray[np.float64]:
+    """Return the distances by texture."""
+    return histogram_distances(texture_histograms(image, superpixels, config.texture), config.distance)
+
+
+def _weighted_distances(
+    image: NDArray[np.uint8], superpixels: NDArray[np.int32], config: FeaturesConfig
+) -> NDArray[np.float64]:
+    """Return the distances by colour and texture together."""
+    return weighted_sum(_colour_distances(image, superpixels, config), _texture_distances(image, superpixels, config))
+
+
+CUES: dict[str, Callable[[NDArray[np.uint8], NDArray[np.int32], FeaturesConfig], NDArray[np.float64]]] = {
+    "both": _weighted_distances,
+    "colour": _colour_distances,
+    "texture": _texture_distances,
+}
+"""Distances between superpixels, by the names that the setting ``features.cues`` has for them."""
 
 
 def weighted_sum(colour: NDArray[np.float64], texture: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the sum of two distance matrices, each weighted by its mean: the cue that tells more counts more."""
+    """Return the sum of two distance matrices, each weighted by its mean: the cue that tells more counts more.
+
+    Parameters
+    ----------
+    colour, texture : (n, n) ndarray of float64
+        Distances.
+
+    Returns
+    -------
+    (n, n) ndarray of float64
+
+    Raises
+    ------
+    TypeError, ValueError
+        If one is no matrix of distances, or they differ in size.
+    """
+    check_distances("colour", colour)
+    check_distances("texture", texture)
     n = len(colour)
+    check_array("texture", texture, np.float64, (n, n), may_be_empty=True)
     pairs = max(n * (n - 1), 1)
     mean_colour, mean_texture = colour.sum() / pairs, texture.sum() / pairs
     total = mean_colour + mean_texture
@@ -65,60 +127,115 @@ def weighted_sum(colour: NDArray[np.float64], texture: NDArray[np.float64]) -> N
 
 
 def colour_histograms(image: NDArray[np.uint8], superpixels: NDArray[np.int32]) -> NDArray[np.float32]:
-    """Return the HSV histogram of each superpixel, float32 (n, 432), each with sum 1."""
+    """Return the HSV histogram of each superpixel.
+
+    Parameters
+    ----------
+    image : (H, W) or (H, W, 3) ndarray of uint8
+        Grey or BGR.
+    superpixels : (H, W) ndarray of int32
+        Labels 0 .. n - 1.
+
+    Returns
+    -------
+    (n, 432) ndarray of float32
+        Each row has the sum 1.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If an image is not as above, or the two differ in size.
+    """
+    n_superpixels = _count_superpixels(image, superpixels)
     hue, saturation, value = _hsv_bins()
     n_bins = int(np.prod(HSV_BINS))
     if image.ndim == 2:
-        return _histograms(value[image], superpixels, n_bins)
-    counts = np.zeros((int(superpixels.max()) + 1, n_bins), np.float32)
-    _count_colours(cv2.cvtColor(image, cv2.COLOR_BGR2HSV), superpixels, hue, saturation, value, counts)
+        return _histograms(value[image], superpixels, n_superpixels, n_bins)
+    counts = np.zeros((n_superpixels, n_bins), np.int32)
+    hsv = cv2.cvtColor(np.ascontiguousarray(image), cv2.COLOR_BGR2HSV)
+    kernels.count_colours(hsv, np.ascontiguousarray(superpixels), hue, saturation, value, counts)
     return _with_unit_sum(counts)
 
 
 def texture_histograms(
     image: NDArray[np.uint8], superpixels: NDArray[np.int32], texture: str = "wld"
 ) -> NDArray[np.float32]:
-    """Return the histogram of a texture descriptor in each superpixel, float32 (n, bins), each with sum 1.
+    """Return the histogram of a texture descriptor in each superpixel.
+
+    Parameters
+    ----------
+    image : (H, W) or (H, W, 3) ndarray of uint8
+        Grey or BGR.
+    superpixels : (H, W) ndarray of int32
+        Labels 0 .. n - 1.
+    texture : str
+        One of `TEXTURES`.
+
+    Returns
+    -------
+    (n, bins) ndarray of float32
+        Each row has the sum 1.
 
     Raises
     ------
-    ValueError
-        If there is no such descriptor.
+    TypeError, ValueError
+        If an image is not as above, the two differ in size, or there is no such descriptor.
     """
-    if texture not in TEXTURE_BINS:
-        raise ValueError(f"no texture descriptor {texture!r}; choose one of {', '.join(TEXTURE_BINS)}")
-    gray = to_gray(image)
-    n_bins = TEXTURE_BINS[texture]
-    if texture == "ltp":
-        upper, lower = local_ternary_patterns(gray)
-        halves = [_histograms(pattern.astype(np.uint16), superpixels, n_bins // 2) for pattern in (upper, lower)]
-        return np.concatenate(halves, axis=1) / np.float32(2)
-    return _histograms(_descriptor(gray, texture).astype(np.uint16), superpixels, n_bins)
+    if texture not in TEXTURES:
+        raise ValueError(f"no texture descriptor {texture!r}; choose one of {', '.join(TEXTURES)}")
+    n_superpixels = _count_superpixels(image, superpixels)
+    patterns = TEXTURES[texture].describe(to_grey(image))
+    n_bins = TEXTURES[texture].n_bins // len(patterns)
+    parts = [_histograms(pattern.astype(np.uint16), superpixels, n_superpixels, n_bins) for pattern in patterns]
+    return np.concatenate(parts, axis=1) / np.float32(len(parts))
 
 
-def _descriptor(gray: NDArray[np.uint8], texture: str) -> NDArray[np.uint8]:
-    if texture == "wld":
-        return weber_descriptor(gray)
-    if texture == "lbp":
-        return local_binary_pattern(gray)
-    if texture == "cs_lbp":
-        return centre_symmetric_pattern(gray)
-    return local_homogeneity(gray)
+def to_grey(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Return the luminance of an image.
+
+    Parameters
+    ----------
+    image : (H, W) or (H, W, 3) ndarray of uint8
+        Grey or BGR.
+
+    Returns
+    -------
+    (H, W) ndarray of uint8
+        A grey image itself.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If the image is no such array.
+    """
+    check_image("image", image)
+    return image if image.ndim == 2 else cv2.cvtColor(np.ascontiguousarray(image), cv2.COLOR_BGR2GRAY)
 
 
-def to_gray(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Return the luminance (H, W) of a BGR or grey image."""
-    return image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
-
-
-def weber_descriptor(gray: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Return Weber's law descriptor, uint8 (H, W): arctan(sum of 3 (x_i - x_c) / x_c) over 8 neighbours, to 0 .. 255.
+def weber_descriptor(grey: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Return Weber's law descriptor [2]: arctan(sum of 3 (x_i - x_c) / x_c) over the 8 neighbours of each pixel.
 
     A black centre has the limit for x_c to 0: the largest value where a neighbour is brighter, else the middle.
+
+    Parameters
+    ----------
+    grey : (H, W) ndarray of uint8
+        Grey image.
+
+    Returns
+    -------
+    (H, W) ndarray of uint8
+        The angle, from -pi / 2 .. pi / 2 to 0 .. 255.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If the image is no such array.
     """
-    sums = cv2.boxFilter(gray, cv2.CV_16U, (3, 3), normalize=False, borderType=cv2.BORDER_REPLICATE)
-    described = np.empty_like(gray)
-    _look_up(gray, sums, _weber_table(), described)
+    grey = _checked_grey(grey)
+    sums = cv2.boxFilter(grey, cv2.CV_16U, (3, 3), normalize=False, borderType=cv2.BORDER_REPLICATE)
+    described = np.empty_like(grey)
+    kernels.look_up(grey, sums, _weber_table(), described)
     return described
 
 
@@ -131,30 +248,96 @@ def _weber_table() -> NDArray[np.uint8]:
     return np.rint((angle / np.pi + 0.5) * 255).clip(0, 255).astype(np.uint8)
 
 
-def local_binary_pattern(gray: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Return the 8-bit LBP: one bit for each neighbour that is at least as bright as the centre."""
-    return _pattern([neighbour >= gray for neighbour in _neighbours(gray)])
+def local_binary_pattern(grey: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Return the local binary pattern [3]: a bit for each neighbour that is at least as bright as the centre.
+
+    Parameters
+    ----------
+    grey : (H, W) ndarray of uint8
+        Grey image.
+
+    Returns
+    -------
+    (H, W) ndarray of uint8
+        8 bits.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If the image is no such array.
+    """
+    grey = _checked_grey(grey)
+    return _pattern([neighbour >= grey for neighbour in _neighbours(grey)])
 
 
-def centre_symmetric_pattern(gray: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Return the 4-bit centre-symmetric LBP: one bit for each pair of opposite neighbours that differ clearly."""
-    around = [neighbour.astype(np.int16) for neighbour in _neighbours(gray)]
+def centre_symmetric_pattern(grey: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Return the centre-symmetric local binary pattern [4]: a bit for each pair of opposite neighbours that differ.
+
+    Parameters
+    ----------
+    grey : (H, W) ndarray of uint8
+        Grey image.
+
+    Returns
+    -------
+    (H, W) ndarray of uint8
+        4 bits: 0 .. 15.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If the image is no such array.
+    """
+    around = [neighbour.astype(np.int16) for neighbour in _neighbours(_checked_grey(grey))]
     return _pattern([around[i] - around[i + 4] > _CS_LBP_THRESHOLD for i in range(4)])
 
 
-def local_ternary_patterns(gray: NDArray[np.uint8]) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
-    """Return the upper and lower pattern: neighbours clearly brighter, and clearly darker, than the centre."""
-    centre = gray.astype(np.int16)
-    around = [neighbour.astype(np.int16) - centre for neighbour in _neighbours(gray)]
+def local_ternary_patterns(grey: NDArray[np.uint8]) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+    """Return the upper and lower local ternary pattern [5]: neighbours clearly brighter, and clearly darker.
+
+    Parameters
+    ----------
+    grey : (H, W) ndarray of uint8
+        Grey image.
+
+    Returns
+    -------
+    upper, lower : (H, W) ndarray of uint8
+        8 bits each.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If the image is no such array.
+    """
+    grey = _checked_grey(grey)
+    centre = grey.astype(np.int16)
+    around = [neighbour.astype(np.int16) - centre for neighbour in _neighbours(grey)]
     return (
         _pattern([difference >= _TERNARY_THRESHOLD for difference in around]),
         _pattern([difference <= -_TERNARY_THRESHOLD for difference in around]),
     )
 
 
-def local_homogeneity(gray: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Return 1 - normalised standard deviation x normalised gradient of each pixel, scaled to 0 .. 255."""
-    values = gray.astype(np.float32)
+def local_homogeneity(grey: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Return the local homogeneity [6]: 1 - normalised standard deviation x normalised gradient.
+
+    Parameters
+    ----------
+    grey : (H, W) ndarray of uint8
+        Grey image.
+
+    Returns
+    -------
+    (H, W) ndarray of uint8
+        0 .. 255; 0 at the strongest edge.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If the image is no such array.
+    """
+    values = _checked_grey(grey).astype(np.float32)
     mean = cv2.blur(values, (5, 5), borderType=cv2.BORDER_REPLICATE)
     variance = cv2.blur(values * values, (5, 5), borderType=cv2.BORDER_REPLICATE) - mean * mean
     deviation = np.sqrt(np.maximum(variance, 0))
@@ -163,14 +346,47 @@ def local_homogeneity(gray: NDArray[np.uint8]) -> NDArray[np.uint8]:
     return np.rint((1 - product) * 255).astype(np.uint8)
 
 
-def _neighbours(gray: NDArray[np.uint8]) -> list[NDArray[np.uint8]]:
+@dataclass(frozen=True, slots=True)
+class Texture:
+    """A texture descriptor.
+
+    Parameters
+    ----------
+    describe : callable
+        Takes a grey image, (H, W) ndarray of uint8, and returns one or more patterns of that size and type.
+    n_bins : int
+        Bins of the histogram, those of all patterns together.
+    """
+
+    describe: Callable[[NDArray[np.uint8]], tuple[NDArray[np.uint8], ...]]
+    n_bins: int
+
+
+TEXTURES = {
+    "wld": Texture(lambda grey: (weber_descriptor(grey),), 256),
+    "lbp": Texture(lambda grey: (local_binary_pattern(grey),), 256),
+    "cs_lbp": Texture(lambda grey: (centre_symmetric_pattern(grey),), 16),
+    "ltp": Texture(local_ternary_patterns, 512),
+    "homogeneity": Texture(lambda grey: (local_homogeneity(grey),), 256),
+}
+"""Texture descriptors, by the names that the setting ``features.texture`` has for them."""
+
+
+def _checked_grey(grey: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Return a grey image (H, W) in one piece of memory, once it is known to be one."""
+    check_array("grey", grey, np.uint8, ("H", "W"))
+    return np.ascontiguousarray(grey)
+
+
+def _neighbours(grey: NDArray[np.uint8]) -> list[NDArray[np.uint8]]:
     """Return the image shifted to each of the 8 neighbours, in the order around the centre."""
-    height, width = gray.shape
-    padded = cv2.copyMakeBorder(gray, 1, 1, 1, 1, cv2.BORDER_REPLICATE)
+    height, width = grey.shape
+    padded = cv2.copyMakeBorder(grey, 1, 1, 1, 1, cv2.BORDER_REPLICATE)
     return [padded[1 + dv : 1 + dv + height, 1 + du : 1 + du + width] for dv, du in _NEIGHBOURS]
 
 
 def _pattern(bits: list[NDArray[np.bool_]]) -> NDArray[np.uint8]:
+    """Return the images of bits as one of numbers, the first bit the lowest."""
     pattern = np.zeros(bits[0].shape, np.uint8)
     for i, bit in enumerate(bits):
         pattern |= bit.astype(np.uint8) << np.uint8(i)
@@ -178,68 +394,97 @@ def _pattern(bits: list[NDArray[np.bool_]]) -> NDArray[np.uint8]:
 
 
 @one_blas_thread()
-def histogram_distances(histograms: NDArray[np.float32], distance: str = "correlation") -> NDArray[np.float64]:
-    """Return the distance of each histogram to each, float64 (n, n), symmetric, zero on the diagonal.
+def histogram_distances(histograms: NDArray[np.floating[Any]], distance: str = "correlation") -> NDArray[np.float64]:
+    """Return the distance of each histogram to each.
 
     Parameters
     ----------
-    histograms
-        One a row, (n, bins), each with sum 1.
-    distance
+    histograms : (n, bins) ndarray of float32 or float64
+        One a row, each with sum 1.
+    distance : str
         ``correlation``: 1 - (corr + 1) / 2 with Pearson's correlation, in 0 .. 1; ``chi_square``: half the sum of
         (a - b)^2 / (a + b); ``intersection``: 1 - sum of min(a, b); ``bhattacharyya``: sqrt(1 - sum of sqrt(a b));
         ``euclidean``; ``earth_mover``: along the bins in their order, as a share of their number.
 
+    Returns
+    -------
+    (n, n) ndarray of float64
+        Symmetric, with a zero diagonal.
+
     Raises
     ------
-    ValueError
-        If there is no such distance.
+    TypeError, ValueError
+        If `histograms` is no such array, or there is no such distance.
     """
-    rows = histograms.astype(np.float64)
-    if distance == "correlation":
-        result = _correlation_distances(rows)
-    elif distance == "bhattacharyya":
-        result = np.sqrt(np.maximum(1 - np.sqrt(rows) @ np.sqrt(rows).T, 0))
-    elif distance in _ROW_DISTANCES:
-        result = np.stack([_ROW_DISTANCES[distance](rows, row) for row in rows])
-    else:
-        known = ", ".join(["correlation", "bhattacharyya", *_ROW_DISTANCES])
-        raise ValueError(f"no histogram distance {distance!r}; choose one of {known}")
+    if distance not in DISTANCES:
+        raise ValueError(f"no histogram distance {distance!r}; choose one of {', '.join(DISTANCES)}")
+    check_array("histograms", histograms, (np.float32, np.float64), ("n", "bins"))
+    low, high = float(histograms.min()), float(histograms.max())
+    if not (low >= 0 and high <= _MAX_SHARE):
+        raise ValueError(f"histograms hold values from {low:g} to {high:g}; give rows with sum 1")
+    result = DISTANCES[distance](histograms.astype(np.float64, order="C"))
     np.fill_diagonal(result, 0)
     return (result + result.T) / 2
 
 
-def _correlation_distances(rows: NDArray[np.float64]) -> NDArray[np.float64]:
+def _correlation(rows: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return (1 - correlation) / 2; flat rows have no correlation."""
     centred = rows - rows.mean(axis=1, keepdims=True)
     norm = np.linalg.norm(centred, axis=1, keepdims=True)
-    unit = centred / np.where(norm > 0, norm, 1)
-    return (1 - np.clip(unit @ unit.T, -1, 1)) / 2
+    centred /= np.where(norm > 0, norm, 1)
+    return (1 - np.clip(centred @ centred.T, -1, 1)) / 2
+
+
+def _bhattacharyya(rows: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the square root of 1 - the Bhattacharyya coefficient."""
+    return np.sqrt(np.maximum(1 - np.sqrt(rows) @ np.sqrt(rows).T, 0))
 
 
 def _chi_square(rows: NDArray[np.float64], row: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return half the sum of (a - b)^2 / (a + b), over the bins that are not empty."""
     total = rows + row
     ratio = np.divide((rows - row) ** 2, total, out=np.zeros_like(rows), where=total > 0)
     return np.asarray(ratio.sum(axis=1) / 2)
 
 
 def _intersection(rows: NDArray[np.float64], row: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return 1 - the sum of the lesser values."""
     return np.asarray(np.maximum(1 - np.minimum(rows, row).sum(axis=1), 0))
 
 
 def _euclidean(rows: NDArray[np.float64], row: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the Euclidean distance."""
     return np.asarray(np.linalg.norm(rows - row, axis=1))
 
 
 def _earth_mover(rows: NDArray[np.float64], row: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the mean difference of the cumulated rows."""
     return np.asarray(np.abs(np.cumsum(rows - row, axis=1)).mean(axis=1))
 
 
-_ROW_DISTANCES = {
-    "chi_square": _chi_square,
-    "intersection": _intersection,
-    "euclidean": _euclidean,
-    "earth_mover": _earth_mover,
+def _row_by_row(
+    distance: Callable[[NDArray[np.float64], NDArray[np.float64]], NDArray[np.float64]],
+) -> Callable[[NDArray[np.float64]], NDArray[np.float64]]:
+    """Return a function of all rows from one of all rows and one of them, which needs less memory."""
+    return lambda rows: np.stack([distance(rows, row) for row in rows])
+
+
+DISTANCES: dict[str, Callable[[NDArray[np.float64]], NDArray[np.float64]]] = {
+    "correlation": _correlation,
+    "chi_square": _row_by_row(_chi_square),
+    "intersection": _row_by_row(_intersection),
+    "bhattacharyya": _bhattacharyya,
+    "euclidean": _row_by_row(_euclidean),
+    "earth_mover": _row_by_row(_earth_mover),
 }
+"""Distances between histograms, by the names that the setting ``features.distance`` has for them."""
+
+
+def _count_superpixels(image: NDArray[np.uint8], superpixels: NDArray[np.int32]) -> int:
+    """Return the number of superpixels, once image and labels are known to fit."""
+    check_image("image", image)
+    check_array("superpixels", superpixels, np.int32, image.shape[:2])
+    return check_labels("superpixels", superpixels, superpixels.size) + 1
 
 
 @lru_cache(maxsize=1)
@@ -255,37 +500,17 @@ def _hsv_bins() -> tuple[NDArray[np.uint16], NDArray[np.uint16], NDArray[np.uint
     )
 
 
-def _histograms(bins: NDArray[np.uint16], superpixels: NDArray[np.int32], n_bins: int) -> NDArray[np.float32]:
+def _histograms(
+    bins: NDArray[np.uint16], superpixels: NDArray[np.int32], n_superpixels: int, n_bins: int
+) -> NDArray[np.float32]:
     """Return the normalised histogram of `bins` (H, W) for each superpixel."""
-    counts = np.zeros((int(superpixels.max()) + 1, n_bins), np.float32)
-    _count(bins, superpixels, counts)
+    counts = np.zeros((n_superpixels, n_bins), np.int32)
+    kernels.count_bins(np.ascontiguousarray(bins), np.ascontiguousarray(superpixels), counts)
     return _with_unit_sum(counts)
 
 
-def _with_unit_sum(counts: NDArray[np.float32]) -> NDArray[np.float32]:
-    return np.asarray(counts / np.maximum(counts.sum(axis=1, keepdims=True), 1), np.float32)
-
-
-@numba.njit(cache=True, nogil=True)
-def _count_colours(hsv, superpixels, hue, saturation, value, counts):  # type: ignore[no-untyped-def]
-    """Add each pixel to its joint bin, the sum of what its three bytes look up, of its superpixel's histogram."""
-    for v in range(hsv.shape[0]):
-        for u in range(hsv.shape[1]):
-            colour_bin = hue[hsv[v, u, 0]] + saturation[hsv[v, u, 1]] + value[hsv[v, u, 2]]
-            counts[superpixels[v, u], colour_bin] += 1
-
-
-@numba.njit(cache=True, nogil=True)
-def _count(bins, superpixels, counts):  # type: ignore[no-untyped-def]
-    """Add each pixel to its bin of its superpixel's histogram."""
-    for v in range(bins.shape[0]):
-        for u in range(bins.shape[1]):
-            counts[superpixels[v, u], bins[v, u]] += 1
-
-
-@numba.njit(cache=True, nogil=True)
-def _look_up(gray, sums, table, described):  # type: ignore[no-untyped-def]
-    """Write the table's entry for each centre and window sum."""
-    for v in range(gray.shape[0]):
-        for u in range(gray.shape[1]):
-            described[v, u] = table[gray[v, u], sums[v, u]]
+def _with_unit_sum(counts: NDArray[np.int32]) -> NDArray[np.float32]:
+    """Return the rows, each divided by its sum; those without counts stay 0."""
+    shares = counts.astype(np.float32)
+    shares /= np.maximum(shares.sum(axis=1, keepdims=True), 1)
+    return shares

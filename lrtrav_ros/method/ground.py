@@ -1,8 +1,15 @@
 """Short-range ground by u-v-disparity.
 
 The ground line in the v-disparity image is found by a weighted Hough transform and refitted robustly; pixels on it are
-traversable. Lu et al., IROS 2015, section II; Labayrade et al., IV 2002 (v-disparity); Hu and Uchimura, IV 2005
-(u-v-disparity).
+traversable.
+
+References
+----------
+.. [1] H. Lu et al., "Long Range Traversable Region Detection Based on Superpixels Clustering for Mobile Robots",
+       IROS 2015, section II.
+.. [2] R. Labayrade, D. Aubert and J.-P. Tarel, "Real time obstacle detection in stereovision on non flat road geometry
+       through v-disparity representation", IV 2002.
+.. [3] Z. Hu and K. Uchimura, "U-V-disparity: an efficient algorithm for stereovision based scene analysis", IV 2005.
 """
 
 from __future__ import annotations
@@ -11,31 +18,37 @@ import math
 from dataclasses import dataclass
 
 import cv2
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from lrtrav_ros.camera import StereoCamera
 from lrtrav_ros.config import GroundConfig
+from lrtrav_ros.frame import valid_disparity
+from lrtrav_ros.method import _ground_kernels as kernels
+from lrtrav_ros.numerics.checks import check_array, check_count, check_finite
 
-GROUND = 0
-OBSTACLE = 100
+GROUND = kernels.GROUND
+"""Value of a traversable pixel in an occupancy image."""
+
+OBSTACLE = kernels.OBSTACLE
+"""Value of a pixel that is not traversable, or above the horizon."""
+
 UNKNOWN = 255
+"""Value of a pixel of which nothing is known."""
 
 NO_GROUND = "no ground line found"
-"""What results say of a frame in which there is none."""
+"""The reason that results give for a frame without a ground line."""
+
+SHAPES = {"line": 2, "plane": 3, "curved": 4}
+"""Shapes of the ground (setting ``ground.shape``): how many of slope, intercept, tilt and bend are fitted."""
 
 _MAX_DISPARITIES = 1024  # what is nearer is left to the plane
-_HORIZON_STEP = 2  # rows between the horizons of the Hough transform
-_SLOPE_STEP = 0.03  # relative step between its slopes
-_MIN_DISPARITY = 3  # nearer to the horizon, rounding leaves the slope open
+_SLOPE_STEP = 0.03  # relative step between the slopes of the Hough transform
 _SAMPLING = 3  # rows and columns between the pixels of the refit
 _ITERATIONS = 20
-_MAX_STEEPNESS = 3.0
 _MIN_ROW_SPREAD = 0.01  # of the image's height: in fewer rows the slope is left open
 _CONVERGED_PX = 1e-3
 _STIFFNESS = 1e-4  # of the bend: with little ground in sight it stays flat
-_ABOVE = 1.75  # residuals count more above the ground than below it: all that is not ground stands on it
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,17 +57,22 @@ class GroundLine:
 
     Over ground with a constant vertical curvature, disparity d obeys ``d + bend / d = line``; the greater root is seen.
 
-    Attributes
+    Parameters
     ----------
-    slope
+    slope : float
         Disparity in pixels per row, above 0: baseline / camera height for a camera that looks ahead.
-    intercept
+    intercept : float
         Disparity at row 0 and column 0, in pixels.
-    tilt
+    tilt : float
         Disparity in pixels per column; 0 without roll.
-    bend
+    bend : float
         In square pixels; above 0 the ground falls away, and ends in a crest where the line is 2 sqrt(bend); 0 for flat
         ground.
+
+    Raises
+    ------
+    ValueError
+        If a value is not finite, or the slope is not above 0.
     """
 
     slope: float
@@ -62,18 +80,29 @@ class GroundLine:
     tilt: float = 0.0
     bend: float = 0.0
 
+    def __post_init__(self) -> None:
+        check_finite("line", np.array([self.slope, self.intercept, self.tilt, self.bend]))
+        if self.slope <= 0:
+            raise ValueError(f"slope is {self.slope}; give a value above 0, for ground is nearer in lower rows")
+
     def disparity(self, height: int, width: int) -> NDArray[np.float32]:
-        """Return the ground's disparity (height, width) in pixels; 0 from the horizon up."""
+        """Return the ground's disparity in an image.
+
+        Parameters
+        ----------
+        height, width : int
+            Size of the image in pixels.
+
+        Returns
+        -------
+        (height, width) ndarray of float32
+            Disparity in pixels; 0 from the horizon up.
+        """
         rows = self.slope * np.arange(height) + self.intercept
         return self._bent(rows[:, None] + self.tilt * np.arange(width)).astype(np.float32)
 
-    def _bent(self, line: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the greater root d of ``d + bend / d = line``, 0 where there is none."""
-        squared = line * line - 4 * self.bend
-        return np.where((line > 0) & (squared > 0), (line + np.sqrt(np.maximum(squared, 0))) / 2, 0)
-
     def horizon_row(self, column: float) -> float:
-        """Return the row at which the line's disparity vanishes."""
+        """Return the row [px] at which the line's disparity vanishes in a column [px]."""
         return -(self.intercept + self.tilt * column) / self.slope
 
     def pitch_rad(self, camera: StereoCamera) -> float:
@@ -90,13 +119,31 @@ class GroundLine:
         return camera.baseline_m * camera.fx / per_metre
 
     def distance_m(self, row: NDArray[np.float64] | float, camera: StereoCamera) -> NDArray[np.float64]:
-        """Return how far ahead on the ground `row` is, at the principal column; infinite from the horizon up."""
+        """Return the distance ahead, along the ground, of what is seen in the principal column.
+
+        Parameters
+        ----------
+        row : float or ndarray of float64
+            One or several rows [px].
+        camera : StereoCamera
+            Calibration.
+
+        Returns
+        -------
+        ndarray of float64
+            Metres, in the shape of `row`; infinite from the horizon up.
+        """
         row = np.asarray(row, np.float64)
         disparity = self._bent(self.slope * row + self.intercept + self.tilt * camera.cx)
         pitch = self.pitch_rad(camera)
         ahead = math.cos(pitch) - (row - camera.cy) / camera.fy * math.sin(pitch)
         with np.errstate(divide="ignore"):
             return np.where(disparity > 0, camera.fx * camera.baseline_m / disparity * ahead, np.inf)
+
+    def _bent(self, line: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the greater root d of ``d + bend / d = line``, 0 where there is none."""
+        squared = line * line - 4 * self.bend
+        return np.where((line > 0) & (squared > 0), (line + np.sqrt(np.maximum(squared, 0))) / 2, 0)
 
     def _at_centre(self, camera: StereoCamera) -> float:
         """Return the line's disparity at the principal point."""
@@ -105,22 +152,25 @@ class GroundLine:
 
 @dataclass(frozen=True, slots=True)
 class ShortRange:
-    """What u-v-disparity finds in one frame of (H, W) pixels and D disparities.
+    """Ground and obstacles of one frame, and the images of u-v-disparity that they were found in.
 
-    Attributes
+    Parameters
     ----------
-    occupancy
-        uint8 (H, W): 0 ground, 100 obstacle or above the horizon, 255 unknown.
-    line
+    disparity : (H, W) ndarray of float32
+        The disparity that all of this was found in, in pixels; 0 for none.
+    occupancy : (H, W) ndarray of uint8
+        0 ground, 100 obstacle or above the horizon, 255 unknown.
+    line : GroundLine or None
         The ground line; None where there is none, and then all is unknown.
-    u_disparity
-        uint16 (D, W): number of pixels per disparity and column.
-    v_disparity
-        int32 (H, D): number of pixels per row and disparity, without those of obstacles.
-    obstacle_disparity
-        float32 (H, W): the disparity of pixels in obstacle cells of the u-disparity; 0 elsewhere.
+    u_disparity : (D, W) ndarray of uint16
+        Number of pixels per disparity and column.
+    v_disparity : (H, D) ndarray of int32
+        Number of pixels per row and disparity, without those of obstacles.
+    obstacle_disparity : (H, W) ndarray of float32
+        The disparity of pixels in obstacle cells of the u-disparity; 0 elsewhere.
     """
 
+    disparity: NDArray[np.float32]
     occupancy: NDArray[np.uint8]
     line: GroundLine | None
     u_disparity: NDArray[np.uint16]
@@ -129,45 +179,69 @@ class ShortRange:
 
     @property
     def mask(self) -> NDArray[np.uint8]:
-        """Traversable pixels, uint8 (H, W): 255 traversable, 0 not."""
+        """Traversable pixels, (H, W) ndarray of uint8: 255 traversable, 0 not."""
         return traversable_mask(self.occupancy)
 
 
 def traversable_mask(occupancy: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Return 255 where `occupancy` is ground and 0 elsewhere."""
+    """Return the traversable pixels of an occupancy image.
+
+    Parameters
+    ----------
+    occupancy : (H, W) ndarray of uint8
+        0 ground, 100 obstacle, 255 unknown.
+
+    Returns
+    -------
+    (H, W) ndarray of uint8
+        255 for ground and 0 for all else.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If `occupancy` is no such array.
+    """
+    check_array("occupancy", occupancy, np.uint8, ("H", "W"))
     return np.where(occupancy == GROUND, np.uint8(255), np.uint8(0))
 
 
 def detect_ground(
-    disparity: NDArray[np.float32],
-    camera: StereoCamera,
-    config: GroundConfig = GroundConfig(),  # noqa: B008 - frozen
+    disparity: NDArray[np.float32], camera: StereoCamera, config: GroundConfig | None = None
 ) -> ShortRange:
     """Find ground and obstacles in a disparity image.
 
     Parameters
     ----------
-    disparity
-        float32 (H, W) in pixels; 0 where there is none.
+    disparity : (H, W) ndarray of float32
+        In pixels; 0 for none. Values that are no disparity (negative, NaN, infinite, absurdly large) count as none.
+    camera : StereoCamera
+        Calibration.
+    config : GroundConfig, optional
+        The height of obstacles, the mounting of the camera and the precision of disparity; the defaults suit a robot
+        with a stereo camera.
+
+    Returns
+    -------
+    ShortRange
+        Without a ground line where too little ground is in sight.
 
     Raises
     ------
-    ValueError
-        If `disparity` is not a two-dimensional float32 array with pixels.
+    TypeError, ValueError
+        If `disparity` is no such array.
     """
-    if disparity.ndim != 2 or disparity.size == 0 or disparity.dtype != np.float32:
-        raise ValueError(f"disparity is {disparity.dtype} {disparity.shape}; give float32 (height, width), not empty")
-    disparity = np.ascontiguousarray(disparity)
+    config = config or GroundConfig()
+    disparity = _checked("disparity", disparity)
     n_disparities = min(int(disparity.max()) + 2, _MAX_DISPARITIES)
-    histogram = u_disparity(disparity, n_disparities=n_disparities)
-    cells = obstacle_cells(histogram, camera, n_rows=disparity.shape[0], config=config)
-    obstacles = select_cells(disparity, cells)
-    v_histogram = v_disparity(np.where(obstacles > 0, np.float32(0), disparity), n_disparities=n_disparities)
-    line = find_ground_line(v_histogram, camera, config=config)
+    histogram = kernels.count_columns(disparity, n_disparities)
+    obstacles = kernels.select(disparity, obstacle_cells(histogram, camera, config, n_rows=disparity.shape[0]))
+    v_histogram = kernels.count_rows(disparity - obstacles, n_disparities)
+    line = find_ground_line(v_histogram, camera, config)
     if line is not None:
         line = _refit(line, disparity, camera, config)
     return ShortRange(
-        occupancy=back_project(disparity, obstacles, line, camera, config=config),
+        disparity=disparity,
+        occupancy=_occupancy(disparity, obstacles, line, camera, config),
         line=line,
         u_disparity=histogram,
         v_disparity=v_histogram,
@@ -176,26 +250,85 @@ def detect_ground(
 
 
 def u_disparity(disparity: NDArray[np.float32], *, n_disparities: int) -> NDArray[np.uint16]:
-    """Return the histogram of disparity per column, uint16 (`n_disparities`, W)."""
-    histogram = np.zeros((n_disparities, disparity.shape[1]), np.uint16)
-    _count_columns(disparity, histogram)
-    return histogram
+    """Return the histogram of disparity per column.
+
+    Parameters
+    ----------
+    disparity : (H, W) ndarray of float32
+        In pixels; 0 for none, as in `detect_ground`.
+    n_disparities : int
+        Number of bins D; disparities are rounded, and what exceeds D - 1 is left out.
+
+    Returns
+    -------
+    (D, W) ndarray of uint16
+        Number of pixels; none in bin 0.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If `disparity` is no such array, or `n_disparities` is no number above 0.
+    """
+    disparity = _checked("disparity", disparity)
+    check_count("n_disparities", n_disparities)
+    return kernels.count_columns(disparity, n_disparities)
 
 
 def v_disparity(disparity: NDArray[np.float32], *, n_disparities: int) -> NDArray[np.int32]:
-    """Return the histogram of disparity per row, int32 (H, `n_disparities`)."""
-    histogram = np.zeros((disparity.shape[0], n_disparities), np.int32)
-    _count_rows(disparity, histogram)
-    return histogram
+    """Return the histogram of disparity per row.
+
+    Parameters
+    ----------
+    disparity : (H, W) ndarray of float32
+        In pixels; 0 for none, as in `detect_ground`.
+    n_disparities : int
+        Number of bins D; disparities are rounded, and what exceeds D - 1 is left out.
+
+    Returns
+    -------
+    (H, D) ndarray of int32
+        Number of pixels; none in bin 0.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If `disparity` is no such array, or `n_disparities` is no number above 0.
+    """
+    disparity = _checked("disparity", disparity)
+    check_count("n_disparities", n_disparities)
+    return kernels.count_rows(disparity, n_disparities)
 
 
 def obstacle_cells(
-    histogram: NDArray[np.uint16], camera: StereoCamera, *, n_rows: int, config: GroundConfig
+    histogram: NDArray[np.uint16], camera: StereoCamera, config: GroundConfig | None = None, *, n_rows: int
 ) -> NDArray[np.bool_]:
-    """Return the cells (D, W) of a u-disparity that upright obstacles fill.
+    """Return the cells of a u-disparity that upright obstacles fill.
 
     An obstacle at disparity d covers ``height_m * d / baseline_m`` pixels of a column, whatever the focal length.
+
+    Parameters
+    ----------
+    histogram : (D, W) ndarray of uint16
+        A u-disparity.
+    camera : StereoCamera
+        Calibration.
+    config : GroundConfig, optional
+        `obstacle_height_m` and `min_obstacle_share` are used: raise them where low things are taken for obstacles.
+    n_rows : int
+        Height of the image in pixels.
+
+    Returns
+    -------
+    (D, W) ndarray of bool
+
+    Raises
+    ------
+    TypeError, ValueError
+        If `histogram` is no such array, or `n_rows` is no number above 0.
     """
+    config = config or GroundConfig()
+    check_array("histogram", histogram, np.uint16, ("D", "W"))
+    check_count("n_rows", n_rows)
     rows_per_metre = camera.fy / camera.fx * np.arange(histogram.shape[0]) / camera.baseline_m
     least = np.maximum(config.obstacle_height_m * rows_per_metre, config.min_obstacle_share * n_rows)
     filled = (histogram > least[:, None]).astype(np.uint8)
@@ -203,22 +336,63 @@ def obstacle_cells(
 
 
 def select_cells(disparity: NDArray[np.float32], cells: NDArray[np.bool_]) -> NDArray[np.float32]:
-    """Return `disparity` where its cell of the u-disparity is set, and 0 elsewhere."""
-    selected = np.zeros_like(disparity)
-    _select(disparity, cells, selected)
-    return selected
+    """Return the disparity of the pixels that lie in chosen cells of the u-disparity.
 
+    Parameters
+    ----------
+    disparity : (H, W) ndarray of float32
+        In pixels; 0 for none, as in `detect_ground`.
+    cells : (D, W) ndarray of bool
+        The chosen cells.
 
-def find_ground_line(histogram: NDArray[np.int32], camera: StereoCamera, *, config: GroundConfig) -> GroundLine | None:
-    """Find the ground correlation line in a v-disparity (H, D) by a Hough transform over horizon and slope.
+    Returns
+    -------
+    (H, W) ndarray of float32
+        0 for all other pixels.
 
-    Each cell votes with its count for all the lines through it that a ground can have: the camera's height and
-    pitch are within the configured bounds. None is returned where no cell votes.
+    Raises
+    ------
+    TypeError, ValueError
+        If an argument is no such array, or the two differ in width.
     """
+    disparity = _checked("disparity", disparity)
+    check_array("cells", cells, np.bool_, ("D", disparity.shape[1]))
+    return kernels.select(disparity, np.ascontiguousarray(cells))
+
+
+def find_ground_line(
+    histogram: NDArray[np.int32], camera: StereoCamera, config: GroundConfig | None = None
+) -> GroundLine | None:
+    """Find the ground correlation line in a v-disparity by a Hough transform over horizon and slope.
+
+    Each cell votes with its count for all the lines through it that a ground can have.
+
+    Parameters
+    ----------
+    histogram : (H, D) ndarray of int32
+        A v-disparity.
+    camera : StereoCamera
+        Calibration.
+    config : GroundConfig, optional
+        `min_camera_height_m`, `max_camera_height_m` and `max_pitch_deg` are used: bounds of the camera's mounting,
+        which are best set generously.
+
+    Returns
+    -------
+    GroundLine or None
+        None where no cell votes.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If `histogram` is no such array.
+    """
+    config = config or GroundConfig()
+    check_array("histogram", histogram, np.int32, ("H", "D"))
     n_rows, n_disparities = histogram.shape
     reach = math.tan(math.radians(config.max_pitch_deg)) * camera.fy
     first = math.floor(camera.cy - reach)
-    n_horizons = max(math.floor(min(camera.cy + reach, n_rows) - first) // _HORIZON_STEP, 1)
+    n_horizons = max(math.floor(min(camera.cy + reach, n_rows) - first) // kernels.HORIZON_STEP, 1)
     per_height = camera.baseline_m * camera.fx / camera.fy
     low = math.log(per_height / config.max_camera_height_m)
     high = math.log(per_height / min(config.min_camera_height_m, config.max_camera_height_m))
@@ -226,13 +400,14 @@ def find_ground_line(histogram: NDArray[np.int32], camera: StereoCamera, *, conf
     votes = np.zeros((n_horizons, n_slopes), np.float32)
     log_disparity = np.log(np.maximum(np.arange(n_disparities), 1))
     log_rows = np.log(np.maximum(np.arange(max(n_rows - first, 1)), 1))
-    _vote(histogram, votes, first, (log_disparity - low) / _SLOPE_STEP + 0.5, log_rows / _SLOPE_STEP)
+    disparity_bins, row_bins = (log_disparity - low) / _SLOPE_STEP + 0.5, log_rows / _SLOPE_STEP
+    kernels.vote(np.ascontiguousarray(histogram), votes, first, disparity_bins, row_bins)
     votes = cv2.GaussianBlur(votes, (0, 0), 1.0)
     horizon, slope = np.unravel_index(int(np.argmax(votes)), votes.shape)
     if votes[horizon, slope] <= 0:
         return None
     pixels_per_row = math.exp(low + float(slope) * _SLOPE_STEP)
-    return GroundLine(pixels_per_row, -pixels_per_row * float(first + int(horizon) * _HORIZON_STEP))
+    return GroundLine(pixels_per_row, -pixels_per_row * float(first + int(horizon) * kernels.HORIZON_STEP))
 
 
 def _refit(
@@ -243,13 +418,14 @@ def _refit(
     Things stand on the ground and never hang below it, so the weight falls off sooner for pixels above it.
     """
     sampled = disparity[::_SAMPLING, ::_SAMPLING]
-    rows, columns = np.nonzero(sampled)
-    samples = [np.asarray(part, np.float64) for part in (rows * _SAMPLING, columns * _SAMPLING, sampled[rows, columns])]
+    v, u = np.nonzero(sampled)
+    rows, columns = (_SAMPLING * v).astype(np.float64), (_SAMPLING * u).astype(np.float64)
+    values = sampled[v, u].astype(np.float64)
     fitted = np.array([line.slope, line.intercept, 0.0, 0.0])
     noise, relative = 2 * config.noise_px, config.max_step_m / line.camera_height_m(camera)
-    n_terms = {"line": 2, "plane": 3, "curved": 4}[config.shape]
+    n_terms = SHAPES[config.shape]
     for _ in range(_ITERATIONS):
-        near, below, normal, right = _normal_equations(*samples, fitted, noise, relative)
+        near, below, normal, right = kernels.normal_equations(rows, columns, values, fitted, noise, relative)
         if (
             near < max(config.min_support * below, n_terms)
             or _row_spread(normal) < _MIN_ROW_SPREAD * disparity.shape[0]
@@ -262,7 +438,7 @@ def _refit(
         fitted[:n_terms] += change
         if abs(change[0]) * disparity.shape[0] + abs(change[1]) < _CONVERGED_PX:
             break
-    return GroundLine(*fitted.tolist()) if fitted[0] > 0 else None
+    return GroundLine(*fitted.tolist()) if fitted[0] > 0 and np.isfinite(fitted).all() else None
 
 
 def _row_spread(normal: NDArray[np.float64]) -> float:
@@ -276,13 +452,51 @@ def back_project(
     obstacles: NDArray[np.float32],
     line: GroundLine | None,
     camera: StereoCamera,
-    *,
+    config: GroundConfig | None = None,
+) -> NDArray[np.uint8]:
+    """Return which pixels are on the ground line.
+
+    The tolerance is the disparity's noise and what `max_step_m` makes at the pixel's distance.
+
+    Parameters
+    ----------
+    disparity : (H, W) ndarray of float32
+        In pixels; 0 for none, as in `detect_ground`.
+    obstacles : (H, W) ndarray of float32
+        The disparity of obstacles that the u-disparity shows; 0 elsewhere.
+    line : GroundLine or None
+        The ground line; without one all is unknown.
+    camera : StereoCamera
+        Calibration.
+    config : GroundConfig, optional
+        `noise_px`, `max_step_m`, `min_obstacle_m` and `max_hole_px` are used.
+
+    Returns
+    -------
+    (H, W) ndarray of uint8
+        0 ground, 100 obstacle or above the horizon, 255 unknown.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If an array is not as above, or the two differ in size.
+    """
+    config = config or GroundConfig()
+    disparity, obstacles = _checked("disparity", disparity), _checked("obstacles", obstacles)
+    check_array("obstacles", obstacles, np.float32, disparity.shape)
+    return _occupancy(disparity, obstacles, line, camera, config)
+
+
+def _occupancy(
+    disparity: NDArray[np.float32],
+    obstacles: NDArray[np.float32],
+    line: GroundLine | None,
+    camera: StereoCamera,
     config: GroundConfig,
 ) -> NDArray[np.uint8]:
-    """Return which pixels are on the ground line, uint8 (H, W) as in `ShortRange.occupancy`.
+    """Return the occupancy image that `back_project` describes.
 
-    The tolerance is the disparity's noise and what `max_step_m` makes at the pixel's distance. A thing at height h over
-    a ground of disparity d, seen from height H, has the disparity ``d * H / (H - h)``.
+    A thing at height h over a ground of disparity d, seen from height H, has the disparity ``d * H / (H - h)``.
     """
     occupancy = np.full(disparity.shape, UNKNOWN, np.uint8)
     if line is None:
@@ -291,7 +505,7 @@ def back_project(
     step = min(config.max_step_m / camera_height, 0.9)
     stands = min(config.min_obstacle_m / camera_height, 0.9) if config.min_obstacle_m else math.inf
     coefficients = np.array([line.slope, line.intercept, line.tilt, line.bend])
-    _classify(disparity, obstacles, coefficients, config.noise_px, step, stands, occupancy)
+    kernels.classify(disparity, obstacles, coefficients, config.noise_px, step, stands, occupancy)
     if config.max_hole_px > 1:
         _fill_holes(occupancy, disparity, config.max_hole_px)
     return occupancy
@@ -304,110 +518,7 @@ def _fill_holes(occupancy: NDArray[np.uint8], disparity: NDArray[np.float32], si
     occupancy[(closed > 0) & (disparity <= 0) & (occupancy == UNKNOWN)] = GROUND
 
 
-@numba.njit(cache=True, nogil=True)
-def _count_columns(disparity, histogram):  # type: ignore[no-untyped-def]
-    """Add each disparity, rounded, to its column of the histogram (D, W)."""
-    for v in range(disparity.shape[0]):
-        for u in range(disparity.shape[1]):
-            d = int(disparity[v, u] + 0.5)
-            if 0 < d < histogram.shape[0]:
-                histogram[d, u] += 1
-
-
-@numba.njit(cache=True, nogil=True)
-def _count_rows(disparity, histogram):  # type: ignore[no-untyped-def]
-    """Add each disparity, rounded, to its row of the histogram (H, D)."""
-    for v in range(disparity.shape[0]):
-        for u in range(disparity.shape[1]):
-            d = int(disparity[v, u] + 0.5)
-            if 0 < d < histogram.shape[1]:
-                histogram[v, d] += 1
-
-
-@numba.njit(cache=True, nogil=True)
-def _select(disparity, cells, selected):  # type: ignore[no-untyped-def]
-    """Copy the disparities whose cell (D, W) is set."""
-    for v in range(disparity.shape[0]):
-        for u in range(disparity.shape[1]):
-            d = int(disparity[v, u] + 0.5)
-            if 0 < d < cells.shape[0] and cells[d, u]:
-                selected[v, u] = disparity[v, u]
-
-
-@numba.njit(cache=True, nogil=True)
-def _vote(histogram, votes, first, disparity_bins, row_bins):  # type: ignore[no-untyped-def]
-    """Let each cell (v, d) vote for horizon and slope: log slope = log d - log(v - horizon)."""
-    for v in range(max(first, 0), histogram.shape[0]):
-        for d in range(_MIN_DISPARITY, histogram.shape[1]):
-            count = histogram[v, d]
-            if count > 0:
-                for i in range(votes.shape[0]):
-                    below = v - first - i * _HORIZON_STEP
-                    if below <= 0:
-                        break
-                    k = disparity_bins[d] - row_bins[below]
-                    if 0 <= k < votes.shape[1]:
-                        votes[i, int(k)] += count
-
-
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"reassoc", "contract", "nsz", "nnan", "ninf"})
-def _normal_equations(rows, columns, values, fitted, noise, relative):  # type: ignore[no-untyped-def]
-    """Return pixels near the ground and below its horizon, and the normal equations of a Gauss-Newton step.
-
-    The loop has no branches and sums numbers of one type, so that the compiler vectorises it: six times as fast.
-    """
-    slope, intercept, tilt, bend = fitted
-    near = below = n00 = n01 = n02 = n03 = n11 = n12 = n13 = n22 = n23 = n33 = r0 = r1 = r2 = r3 = 0.0
-    for i in range(values.size):
-        v, u = rows[i], columns[i]
-        line = slope * v + intercept + tilt * u
-        root = np.sqrt(max(line * line - 4 * bend, 1e-6))
-        expected = (line + root) / 2
-        counts = 1.0 if expected > noise else 0.0
-        expected = max(expected, 1e-6)
-        inverse = 1 / (noise + relative * expected)
-        difference = values[i] - expected
-        residual = difference * inverse
-        residual = residual * _ABOVE if residual > 0 else residual
-        biweight = max(1 - residual * residual, 0.0) * counts
-        below += counts
-        near += 1.0 if biweight > 0 else 0.0
-        weight = (biweight * inverse) ** 2
-        g1 = min(expected / root, _MAX_STEEPNESS)  # at a crest it grows without bounds
-        g0, g2, g3 = g1 * v, g1 * u, -g1 / expected
-        n00 += weight * g0 * g0
-        n01 += weight * g0 * g1
-        n02 += weight * g0 * g2
-        n03 += weight * g0 * g3
-        n11 += weight * g1 * g1
-        n12 += weight * g1 * g2
-        n13 += weight * g1 * g3
-        n22 += weight * g2 * g2
-        n23 += weight * g2 * g3
-        n33 += weight * g3 * g3
-        weight *= difference
-        r0 += weight * g0
-        r1 += weight * g1
-        r2 += weight * g2
-        r3 += weight * g3
-    normal = np.array([[n00, n01, n02, n03], [n01, n11, n12, n13], [n02, n12, n22, n23], [n03, n13, n23, n33]])
-    return near, below, normal, np.array([r0, r1, r2, r3])
-
-
-@numba.njit(cache=True, nogil=True)
-def _classify(disparity, obstacles, coefficients, noise, step, stands, occupancy):  # type: ignore[no-untyped-def]
-    """Write ground and obstacle pixels; `step` and `stands` are heights as shares of the camera's height."""
-    slope, intercept, tilt, bend = coefficients
-    for v in range(disparity.shape[0]):
-        for u in range(disparity.shape[1]):
-            d = disparity[v, u]
-            line = slope * v + intercept + tilt * u
-            squared = line * line - 4 * bend
-            if line <= 0 or squared <= 0 or (stands == np.inf and obstacles[v, u] > 0):
-                occupancy[v, u] = OBSTACLE
-            elif d > 0:
-                expected = (line + np.sqrt(squared)) / 2
-                if d - expected > max(noise, stands * d):
-                    occupancy[v, u] = OBSTACLE
-                if expected > noise and abs(d - expected) < noise + step * expected:
-                    occupancy[v, u] = GROUND
+def _checked(name: str, disparity: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return a disparity image as kernels want it: contiguous, with 0 for what is no disparity."""
+    check_array(name, disparity, np.float32, ("H", "W"))
+    return np.ascontiguousarray(valid_disparity(disparity))

@@ -72,7 +72,23 @@ def test_items_that_are_all_alike_and_one_that_is_like_no_other() -> None:
     assert np.isfinite(found).all()
 
 
-@pytest.mark.parametrize("distances", [np.zeros((2, 3)), np.zeros(4), np.array([[0, np.nan], [np.nan, 0]])])
-def test_what_is_no_distance_matrix_is_refused(distances: NDArray[np.float64]) -> None:
-    with pytest.raises(ValueError, match="give a square matrix of finite numbers"):
+@pytest.mark.parametrize("distance", [0.0, 1.0])
+def test_any_number_of_items_that_are_all_alike(distance: float) -> None:
+    for n in range(2, 60):  # LAPACK fails for a few of them
+        found = spectral_clusters(distance * (np.ones((n, n)) - np.eye(n)), ClusteringConfig(k=10))
+        assert found.shape == (n,)
+        assert 0 <= found.min() <= found.max() < 10
+
+
+@pytest.mark.parametrize(
+    ("distances", "message"),
+    [
+        (np.zeros((2, 3)), r"distances is float64 \(2, 3\); give float64 \(n, n\)"),
+        (np.zeros(4), r"distances is float64 \(4,\); give float64 \(n, n\)"),
+        (np.array([[0, np.nan], [np.nan, 0]]), "distances holds values from nan to nan; give finite distances"),
+        (np.array([[0, -1.5], [-1.5, 0]]), "distances holds values from -1.5 to 0; give finite distances from 0 up"),
+    ],
+)
+def test_what_is_no_distance_matrix_is_refused(distances: NDArray[np.float64], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
         spectral_clusters(distances)

@@ -79,5 +79,5 @@ def test_share_that_makes_a_region_traversable(min_share: float, expected: int) 
 
 
 def test_images_of_different_size_are_refused() -> None:
-    with pytest.raises(ValueError, match=r"occupancy is \(4, 59\), superpixels \(4, 60\)"):
+    with pytest.raises(ValueError, match=r"occupancy is uint8 \(4, 59\); give uint8 \(4, 60\)"):
         extend(occupancy()[:, :59], SUPERPIXELS, np.zeros(6, np.int32))

@@ -177,7 +177,7 @@ def test_line_of_one_image_is_independent_of_memory_layout() -> None:
 
 @pytest.mark.parametrize("disparity", [np.zeros((0, 5), np.float32), np.zeros((4, 5)), np.zeros((4, 5, 3), np.float32)])
 def test_what_is_no_disparity_image_is_refused(disparity: NDArray[np.float32]) -> None:
-    with pytest.raises(ValueError, match=r"disparity is .*; give float32 \(height, width\)"):
+    with pytest.raises(ValueError, match=r"disparity is .*; give float32 \(H, W\), not empty"):
         detect_ground(disparity, CAMERA)
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import cv2
 import numpy as np
 import pytest
@@ -153,13 +155,13 @@ def test_settled_clusters_rest(monkeypatch: pytest.MonkeyPatch) -> None:
     image = np.full((80, 160, 3), 128, np.uint8)
     image[:, 120:] = np.random.default_rng(4).integers(0, 256, (80, 40, 3), np.uint8)
     visits: list[NDArray[np.int16]] = []
-    sweep = superpixels._sweep
+    sweep = superpixels.kernels.sweep
 
     def record(lab: object, centres: object, visited: NDArray[np.int16], *rest: object) -> object:
         visits.append(visited)
         return sweep(lab, centres, visited, *rest)
 
-    monkeypatch.setattr(superpixels, "_sweep", record)
+    monkeypatch.setattr(superpixels.kernels, "sweep", record)
     preemptive_slic(image, SuperpixelsConfig(n_superpixels=32))
     assert visits[0].tolist() == list(range(32))
     assert set(visits[-1] % 8) <= {5, 6, 7}
@@ -175,17 +177,18 @@ def test_preemption_changes_little(scene: NDArray[np.uint8]) -> None:
 
 
 @pytest.mark.parametrize(
-    ("image", "message"),
+    "image",
     [
-        (np.zeros((8, 9), np.uint16), "dtype uint16"),
-        (np.zeros((8, 9, 3), np.float32), "dtype float32"),
-        (np.zeros((8, 9, 4), np.uint8), r"shape \(8, 9, 4\)"),
-        (np.zeros((8, 9, 1), np.uint8), r"shape \(8, 9, 1\)"),
-        (np.zeros(8, np.uint8), r"shape \(8,\)"),
-        (np.zeros((0, 9), np.uint8), r"shape \(0, 9\)"),
-        (np.zeros((8, 0, 3), np.uint8), r"shape \(8, 0, 3\)"),
+        np.zeros((8, 9), np.uint16),
+        np.zeros((8, 9, 3), np.float32),
+        np.zeros((8, 9, 4), np.uint8),
+        np.zeros((8, 9, 1), np.uint8),
+        np.zeros(8, np.uint8),
+        np.zeros((0, 9), np.uint8),
+        np.zeros((8, 0, 3), np.uint8),
     ],
 )
-def test_refuses_other_images(image: NDArray[np.uint8], message: str) -> None:
-    with pytest.raises(ValueError, match=message):
+def test_refuses_other_images(image: NDArray[np.uint8]) -> None:
+    got = re.escape(f"image is {image.dtype} {image.shape}; give uint8 (H, W) or (H, W, 3), not empty")
+    with pytest.raises(ValueError, match=got):
         preemptive_slic(image)

@@ -2,46 +2,78 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lrtrav_ros.config import Config
+from lrtrav_ros.config import ElasConfig, StereoConfig
 
-__all__ = ["Matcher", "create_matcher"]
+__all__ = ["MATCHERS", "Matcher", "create_matcher"]
 
 
 class Matcher(Protocol):
-    """What every matcher can do."""
+    """The interface of every matcher."""
 
     def compute(self, left: NDArray[np.generic], right: NDArray[np.generic]) -> NDArray[np.float32]:
         """Return the disparity of the left image.
 
         Parameters
         ----------
-        left, right : (H, W) or (H, W, 3) ndarray of uint8 or uint16
-            Rectified images, grey or BGR, of one shape and one dtype.
+        left, right : (H, W), (H, W, 1) or (H, W, 3) ndarray of uint8 or uint16
+            Rectified images, grey or BGR, of one shape and one type.
 
         Returns
         -------
         (H, W) ndarray of float32
-            Disparity [px], 0 where there is none.
+            Disparity in pixels, 0 for none.
 
         Raises
         ------
-        ValueError
+        TypeError, ValueError
             If the images are not such a pair.
         """
         ...  # pragma: no cover
 
 
-def create_matcher(config: Config) -> Matcher:
-    """Return the matcher that ``stereo.matcher`` names, with the settings of `config`."""
-    if config.stereo.matcher == "elas":
-        from lrtrav_ros.method.matching.elas import Elas  # compiles kernels: only where it is used
+def create_matcher(stereo: StereoConfig, elas: ElasConfig, *, threads: int) -> Matcher:
+    """Return the matcher that a configuration names.
 
-        return Elas(config.stereo, config.elas, threads=config.n_threads)
+    Parameters
+    ----------
+    stereo : StereoConfig
+        `matcher` names it, one of `MATCHERS`; the rest is for all of them.
+    elas : ElasConfig
+        Settings of ELAS, which the others do not use.
+    threads : int
+        Threads that it may use; the result does not depend on their number.
+
+    Raises
+    ------
+    ValueError
+        If `threads` is below 1.
+    """
+    return MATCHERS[stereo.matcher](stereo, elas, threads)
+
+
+def _create_elas(stereo: StereoConfig, elas: ElasConfig, threads: int) -> Matcher:
+    """Return the paper's matcher."""
+    from lrtrav_ros.method.matching.elas import Elas  # loads numba and SciPy: only where they are needed
+
+    return Elas(stereo, elas, threads=threads)
+
+
+def _create_opencv(stereo: StereoConfig, elas: ElasConfig, threads: int) -> Matcher:
+    """Return one of OpenCV's matchers."""
     from lrtrav_ros.method.matching.opencv import OpenCVMatcher
 
-    return OpenCVMatcher(config.stereo)
+    return OpenCVMatcher(stereo)
+
+
+MATCHERS: dict[str, Callable[[StereoConfig, ElasConfig, int], Matcher]] = {
+    "elas": _create_elas,
+    "sgbm": _create_opencv,
+    "bm": _create_opencv,
+}
+"""Makers of matchers, by the names that the setting ``stereo.matcher`` has for them."""

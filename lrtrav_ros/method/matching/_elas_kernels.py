@@ -1,4 +1,3 @@
-# mypy: disallow-untyped-decorators=False
 """Compiled parts of ELAS. The arguments are checked, and the method explained, in `elas`.
 
 All kernels work on whole rows, so that the compiler vectorises along them, and on bands of rows, so that bands can be
@@ -7,29 +6,37 @@ given to several threads: what a band gives does not depend on the others.
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TypeAlias
 
-import numba
 import numpy as np
+from numpy.typing import NDArray
 
-_compiled = numba.njit(cache=True, nogil=True, error_model="numpy")
+from lrtrav_ros.numerics.kernels import inlined_kernel, kernel
+
+Responses: TypeAlias = NDArray[np.uint8]  # of a Sobel filter, padded by 2
+Costs: TypeAlias = NDArray[np.uint16]
+Mask: TypeAlias = NDArray[np.bool_]
+Disparities: TypeAlias = NDArray[np.int16]  # -1 for none
+Keys: TypeAlias = NDArray[np.int32]
+Runs: TypeAlias = NDArray[np.int64]  # (n, 3): disparity, first column, last column + 1
 
 # A candidate is one int32: 16 x (cost - prior) above, its disparity in the lower bits, so that the least is the best.
 DISPARITY_BITS = 9
 COST_BITS = 4
 _COST_SHIFT = np.int32(DISPARITY_BITS + COST_BITS)
 _DISPARITY_MASK = np.int32((1 << DISPARITY_BITS) - 1)
-_STEEPEST = 0.7  # px of disparity per px along the row
+_STEEPEST = 0.7  # px of disparity per px along the row; chosen to agree with published results
 _NO_CANDIDATE = np.int32(2**31 - 1)
 
 
-@numba.njit(inline="always")
-def _difference(a: Any, b: Any) -> Any:
+@inlined_kernel
+def _difference(a: np.uint8, b: np.uint8) -> np.int16:
+    """Return |a - b|."""
     return abs(np.int16(a) - np.int16(b))
 
 
-@_compiled
-def _all_columns(n_disparities: int, width: int) -> Any:
+@kernel
+def _all_columns(n_disparities: int, width: int) -> Runs:
     """Return the runs (d, d, width) of all disparities: every column that has a counterpart in the right image."""
     runs = np.empty((min(n_disparities, width), 3), np.int64)
     for d in range(runs.shape[0]):
@@ -37,12 +44,12 @@ def _all_columns(n_disparities: int, width: int) -> Any:
     return runs
 
 
-@_compiled
-def _row_costs(hl: Any, vl: Any, hr: Any, vr: Any, v: int, runs: Any, costs: Any) -> None:
+@kernel
+def _row_costs(hl: Responses, vl: Responses, hr: Responses, vr: Responses, v: int, runs: Runs, costs: Costs) -> None:
     """Set costs[d, u], over the runs (d, u0, u1), to the difference of the descriptors at (v, u) and (v, u - d).
 
-    `hl` ... `vr` are the responses of left and right image, padded by 2. The descriptor takes 12 of the horizontal
-    (the centre, next to which disparity is decided, twice) and 4 of the vertical ones.
+    `hl` ... `vr` are the responses of left and right image. The descriptor takes 12 of the horizontal (the centre, next
+    to which disparity is decided, twice) and 4 of the vertical ones; which, was chosen to agree with published results.
     """
     for n in range(runs.shape[0]):
         d, u0, u1 = runs[n, 0], runs[n, 1], runs[n, 2]
@@ -73,8 +80,8 @@ def _row_costs(hl: Any, vl: Any, hr: Any, vr: Any, v: int, runs: Any, costs: Any
             )
 
 
-@_compiled
-def _window_costs(upper: Any, lower: Any, reach: int, window: Any) -> None:
+@kernel
+def _window_costs(upper: Costs, lower: Costs, reach: int, window: Costs) -> None:
     """Set window[d, u] to the sum of the costs at the four corners (v +- reach, u +- reach), where all four exist."""
     n_disparities, width = window.shape
     for d in range(min(n_disparities, width)):
@@ -85,8 +92,8 @@ def _window_costs(upper: Any, lower: Any, reach: int, window: Any) -> None:
             row[i] = p0[i] + p1[i] + q0[i] + q1[i]
 
 
-@_compiled
-def _unique_minimum(costs: Any, start: int, stride: int, count: int, uniqueness: float) -> int:
+@kernel
+def _unique_minimum(costs: Costs, start: int, stride: int, count: int, uniqueness: float) -> int:
     """Return the index of the least of `count` values; -1 if the second least is too close."""
     best = second = 65535 << DISPARITY_BITS
     for d in range(count):  # without branches, which are hard to predict here
@@ -97,10 +104,11 @@ def _unique_minimum(costs: Any, start: int, stride: int, count: int, uniqueness:
     return int(best & _DISPARITY_MASK) if unique else -1
 
 
-@_compiled
+@kernel
 def match_support(
-    hl: Any, vl: Any, hr: Any, vr: Any, textured_l: Any, textured_r: Any, first: int, last: int,
-    edge: int, step: int, reach: int, n_disparities: int, uniqueness: float, consistency: int, grid: Any,
+    hl: Responses, vl: Responses, hr: Responses, vr: Responses, textured_l: Mask, textured_r: Mask,
+    first: int, last: int, edge: int, step: int, reach: int, n_disparities: int, uniqueness: float, consistency: int,
+    grid: Disparities,
 ) -> None:  # fmt: skip
     """Set rows first .. last - 1 of the grid of support points to their disparities, -1 for none."""
     width = hl.shape[1] - 4
@@ -128,8 +136,8 @@ def match_support(
                 grid[i, j] = d
 
 
-@_compiled
-def texture(h: Any, v: Any, first: int, last: int, out: Any) -> None:
+@kernel
+def texture(h: Responses, v: Responses, first: int, last: int, out: Costs) -> None:
     """Set rows first .. last - 1 of `out` to the sum of |descriptor - 128|."""
     flat = np.full_like(h, 128)
     runs = _all_columns(1, out.shape[1])
@@ -137,8 +145,8 @@ def texture(h: Any, v: Any, first: int, last: int, out: Any) -> None:
         _row_costs(h, v, flat, flat, row, runs, out[row : row + 1])
 
 
-@_compiled
-def drop_isolated(grid: Any, window: int, similarity: int, least: int, out: Any) -> None:
+@kernel
+def drop_isolated(grid: Disparities, window: int, similarity: int, least: int, out: Disparities) -> None:
     """Copy the support points that at least `least` others of the window around them agree with."""
     rows, columns = grid.shape
     for i in range(rows):
@@ -159,8 +167,8 @@ def drop_isolated(grid: Any, window: int, similarity: int, least: int, out: Any)
                 out[i, j] = d
 
 
-@_compiled
-def drop_redundant(grid: Any, distance: int, similarity: int) -> None:
+@kernel
+def drop_redundant(grid: Disparities, distance: int, similarity: int) -> None:
     """Drop, along each row, the support points that have a similar one on both sides within `distance`."""
     rows, columns = grid.shape
     for i in range(rows):
@@ -178,16 +186,18 @@ def drop_redundant(grid: Any, distance: int, similarity: int) -> None:
                 grid[i, j] = -1
 
 
-@_compiled
-def _draw_triangle(corners: Any, a: float, b: float, c: float, step: int, out: Any) -> None:
+@kernel
+def _draw_triangle(corners: NDArray[np.float64], a: float, b: float, c: float, step: int, out: Disparities) -> None:
+    """Draw the plane d = a u + b v + c over the pixels of one triangle."""
     low = min(corners[0, 1], corners[1, 1], corners[2, 1])
     high = max(corners[0, 1], corners[1, 1], corners[2, 1])
     for i in range(max(0, int(np.ceil(low / step))), min(out.shape[0], int(np.floor(high / step)) + 1)):
         v = i * step
         left, right = np.inf, -np.inf
         for k in range(3):
+            other = k - 1 if k > 0 else 2
             u0, v0 = corners[k, 0], corners[k, 1]
-            u1, v1 = corners[k - 1, 0], corners[k - 1, 1]
+            u1, v1 = corners[other, 0], corners[other, 1]
             if v0 == v:
                 left, right = min(left, u0), max(right, u0)
             elif min(v0, v1) < v < max(v0, v1):
@@ -198,12 +208,14 @@ def _draw_triangle(corners: Any, a: float, b: float, c: float, step: int, out: A
             out[i, j] = np.int16(max(np.floor(a * (j * step) + b * v + c), 0.0))
 
 
-@_compiled
-def draw_planes(points: Any, triangles: Any, side: int, step: int, out: Any) -> None:
+@kernel
+def draw_planes(
+    points: NDArray[np.float64], triangles: NDArray[np.int32], side: int, step: int, out: Disparities
+) -> None:
     """Set out[i, j] to the disparity, rounded down, of the plane over pixel (v, u) = (step * i, step * j).
 
     `points` (n, 3) are u, v and d; `side` is 1 for the left and -1 for the right image. Planes so steep that one of the
-    images would hardly see them are left out. Rounding down agrees better with the authors' results than to nearest.
+    images would hardly see them are left out. Rounding down was chosen to agree with published results.
     """
     corners = np.empty((3, 3))
     for n in range(triangles.shape[0]):
@@ -223,8 +235,8 @@ def draw_planes(points: Any, triangles: Any, side: int, step: int, out: Any) -> 
             _draw_triangle(corners, a, b, c, step, out)
 
 
-@_compiled
-def _runs(candidates: Any, cell_size: int, width: int, shift: bool, runs: Any) -> int:
+@kernel
+def _runs(candidates: Mask, cell_size: int, width: int, shift: bool, runs: Runs) -> int:
     """List where each disparity is a candidate, as (d, first column, last column + 1), in coordinates of the image."""
     count = 0
     n_cells, n_disparities = candidates.shape
@@ -245,8 +257,10 @@ def _runs(candidates: Any, cell_size: int, width: int, shift: bool, runs: Any) -
     return count
 
 
-@_compiled
-def _mark_planes(planes: Any, first: int, last: int, step: int, cell_size: int, radius: int, needed: Any) -> None:
+@kernel
+def _mark_planes(
+    planes: Disparities, first: int, last: int, step: int, cell_size: int, radius: int, needed: Mask
+) -> None:
     """Mark, in needed[cell, d], the disparities near the planes of the pixels in rows first .. last - 1."""
     for i in range(first, last):
         done_cell, done_plane = -1, -1
@@ -259,8 +273,8 @@ def _mark_planes(planes: Any, first: int, last: int, step: int, cell_size: int, 
                 needed[cell, d] = True
 
 
-@_compiled
-def _union(runs_l: Any, runs_r: Any, out: Any) -> int:
+@kernel
+def _union(runs_l: Runs, runs_r: Runs, out: Runs) -> int:
     """Join the runs of both images in columns of the left one; short gaps between them cost less than a new run."""
     gap = 16
     a, b, count = 0, 0, 0
@@ -284,8 +298,8 @@ def _union(runs_l: Any, runs_r: Any, out: Any) -> int:
     return count
 
 
-@_compiled
-def _best_of_runs(costs: Any, runs: Any, shift: int, best: Any) -> None:
+@kernel
+def _best_of_runs(costs: Costs, runs: Runs, shift: int, best: Keys) -> None:
     """Take the least candidate of every pixel over the runs; `shift` is 1 for the right image."""
     for n in range(runs.shape[0]):
         d, u0, u1 = runs[n, 0], runs[n, 1], runs[n, 2]
@@ -296,9 +310,9 @@ def _best_of_runs(costs: Any, runs: Any, shift: int, best: Any) -> None:
             out[i] = min(out[i], key)
 
 
-@_compiled
+@kernel
 def _best_of_planes(
-    costs: Any, planes: Any, textured: Any, prior: Any, step: int, shift: int, best: Any, out: Any
+    costs: Costs, planes: Disparities, textured: Mask, prior: Keys, step: int, shift: int, best: Keys, out: Disparities
 ) -> None:
     """Take the least candidate near the plane into account, and set `out` to the winning disparities, -1 for none."""
     n_disparities, width = costs.shape
@@ -319,8 +333,10 @@ def _best_of_planes(
             out[j] = key & _DISPARITY_MASK
 
 
-@_compiled
-def _check_consistency(left: Any, right: Any, step: int, tolerance: int, out_left: Any, out_right: Any) -> None:
+@kernel
+def _check_consistency(
+    left: Disparities, right: Disparities, step: int, tolerance: int, out_left: Disparities, out_right: Disparities
+) -> None:
     """Copy the disparities of a row that the other image confirms."""
     width = left.size
     for j in range(width):
@@ -332,11 +348,11 @@ def _check_consistency(left: Any, right: Any, step: int, tolerance: int, out_lef
         out_right[j] = d if d >= 0 and other < width and left[other] >= 0 and abs(left[other] - d) <= tolerance else -1
 
 
-@_compiled
+@kernel
 def match_rows(
-    hl: Any, vl: Any, hr: Any, vr: Any, textured_l: Any, textured_r: Any, planes_l: Any, planes_r: Any,
-    candidates_l: Any, candidates_r: Any, prior: Any, first: int, last: int,
-    step: int, cell_size: int, tolerance: int, out_l: Any, out_r: Any,
+    hl: Responses, vl: Responses, hr: Responses, vr: Responses, textured_l: Mask, textured_r: Mask,
+    planes_l: Disparities, planes_r: Disparities, candidates_l: Mask, candidates_r: Mask, prior: Keys,
+    first: int, last: int, step: int, cell_size: int, tolerance: int, out_l: Disparities, out_r: Disparities,
 ) -> None:  # fmt: skip
     """Set the disparities of both images, -1 for none, in rows of cells first .. last - 1."""
     width, n_disparities = hl.shape[1] - 4, candidates_l.shape[2]
@@ -368,8 +384,8 @@ def match_rows(
             _check_consistency(found_l, found_r, step, tolerance, out_l[i], out_r[i])
 
 
-@_compiled
-def fill_gaps(disparity: Any, width: int, jump: float) -> None:
+@kernel
+def fill_gaps(disparity: NDArray[np.float32], width: int, jump: float) -> None:
     """Fill gaps of up to `width` along each row, with the mean of both ends or, where they differ, the farther one."""
     for row in disparity:
         last = -1
@@ -382,8 +398,15 @@ def fill_gaps(disparity: Any, width: int, jump: float) -> None:
             last = u
 
 
-@_compiled
-def _add_similar(centre: Any, other: Any, scale: float, total: Any, weight: Any) -> None:
+@kernel
+def _add_similar(
+    centre: NDArray[np.float32],
+    other: NDArray[np.float32],
+    scale: np.float32,
+    total: NDArray[np.float32],
+    weight: NDArray[np.float32],
+) -> None:
+    """Add disparities to the weighted sums of the pixels that they are close to."""
     for i in range(other.size):
         w = scale - abs(other[i] - centre[i])
         w = w if w > 0 and other[i] >= 0 else np.float32(0)
@@ -391,8 +414,16 @@ def _add_similar(centre: Any, other: Any, scale: float, total: Any, weight: Any)
         weight[i] += w
 
 
-@_compiled
-def smooth_rows(disparity: Any, radius: int, scale: float, along: bool, first: int, last: int, out: Any) -> None:
+@kernel
+def smooth_rows(
+    disparity: NDArray[np.float32],
+    radius: int,
+    scale: float,
+    along: bool,
+    first: int,
+    last: int,
+    out: NDArray[np.float32],
+) -> None:
     """Set rows first .. last - 1 of `out` to the mean of close disparities, along or across the rows."""
     height, width = disparity.shape
     total, weight = np.empty(width, np.float32), np.empty(width, np.float32)
@@ -412,8 +443,10 @@ def smooth_rows(disparity: Any, radius: int, scale: float, along: bool, first: i
             line[i] = total[i] / weight[i] if row[i] >= 0 else row[i]
 
 
-@_compiled
-def _between(first: Any, second: Any, similarity: Any, out: Any) -> None:
+@kernel
+def _between(
+    first: NDArray[np.float32], second: NDArray[np.float32], similarity: np.float32, out: NDArray[np.float32]
+) -> None:
     """Set `out` to the mean of both where they are alike, else to the first."""
     for i in range(out.size):
         a, b = first[i], second[i]
@@ -421,8 +454,8 @@ def _between(first: Any, second: Any, similarity: Any, out: Any) -> None:
         out[i] = np.float32(0.5) * (a + b) if alike else a
 
 
-@_compiled
-def double(disparity: Any, similarity: float, out: Any) -> None:
+@kernel
+def double(disparity: NDArray[np.float32], similarity: float, out: NDArray[np.float32]) -> None:
     """Set `out`, of twice the size or one less, to `disparity`, interpolated linearly where neighbours are alike."""
     height, width = out.shape
     half_width = disparity.shape[1]

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from lrtrav_ros.config import StereoConfig
-from lrtrav_ros.method.matching._pair import grey_pair
+from lrtrav_ros.method.matching._grey_pair import grey_pair
 
-_SCALE = 16  # OpenCV's disparities are in sixteenths of a pixel
+_SCALE = np.float32(16)  # OpenCV's disparities are in sixteenths of a pixel
 _SPECKLE_SIZE_PX = 200
 
 
@@ -24,8 +26,8 @@ class OpenCVMatcher:
     Parameters
     ----------
     stereo : StereoConfig
-        `matcher`, `n_disparities` (rounded up to a multiple of 16; what exceeds the range is dropped),
-        `half_resolution` and `block_size` are used.
+        `matcher` (``sgbm`` or ``bm``), `n_disparities` (rounded up to a multiple of 16; what exceeds the range is
+        dropped), `half_resolution` and `block_size` are used.
 
     Raises
     ------
@@ -38,24 +40,34 @@ class OpenCVMatcher:
     """
 
     def __init__(self, stereo: StereoConfig) -> None:
-        if stereo.matcher not in _CREATORS:
-            raise ValueError(f"matcher is {stereo.matcher!r}; OpenCV has {' and '.join(_CREATORS)}")
-        create, default_block_size, least_block_size = _CREATORS[stereo.matcher]
+        if stereo.matcher not in _KINDS:
+            raise ValueError(f"matcher is {stereo.matcher!r}; OpenCV has {' and '.join(_KINDS)}")
+        kind = _KINDS[stereo.matcher]
         self._stereo = stereo
         step = 2 if stereo.half_resolution else 1
         self._range = -(-stereo.n_disparities // (16 * step)) * 16
-        self._block_size = max((stereo.block_size or default_block_size) | 1, least_block_size)
-        self._matcher = create(self._range, self._block_size, _SPECKLE_SIZE_PX // step**2)
+        self._block_size = max((stereo.block_size or kind.default_block_size) | 1, kind.least_block_size)
+        self._matcher = kind.create(self._range, self._block_size, _SPECKLE_SIZE_PX // step**2)
 
     def compute(self, left: NDArray[np.generic], right: NDArray[np.generic]) -> NDArray[np.float32]:
-        """Return the disparity (H, W) [px] of the left image, 0 where there is none; see `Matcher.compute`.
+        """Return the disparity of the left image; see `Matcher.compute`.
 
         With `half_resolution` images of half the size are matched and each disparity stands for 2 x 2 pixels.
 
+        Parameters
+        ----------
+        left, right : (H, W), (H, W, 1) or (H, W, 3) ndarray of uint8 or uint16
+            Rectified images, grey or BGR, of one shape and one type.
+
+        Returns
+        -------
+        (H, W) ndarray of float32
+            Disparity in pixels, 0 for none.
+
         Raises
         ------
-        ValueError
-            If the images are not a pair of uint8 or uint16, grey or BGR.
+        TypeError, ValueError
+            If the images are not such a pair.
         """
         left, right = grey_pair(left, right)
         if not self._stereo.half_resolution:
@@ -65,6 +77,7 @@ class OpenCVMatcher:
         return self._within_range(disparity.repeat(2, axis=0).repeat(2, axis=1)[:height, :width].copy())
 
     def _match(self, left: NDArray[np.uint8], right: NDArray[np.uint8]) -> NDArray[np.float32]:
+        """Return the disparity of the left of two grey images, below 0 for none."""
         height, width = left.shape
         edge = self._block_size  # room for a whole window at every pixel, however small the image is
         padding = (edge, edge, edge + self._range, edge)
@@ -75,11 +88,28 @@ class OpenCVMatcher:
         return disparity
 
     def _within_range(self, disparity: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Return `disparity` with 0 for none and for all that exceeds the range."""
         disparity[(disparity < 0) | (disparity > self._stereo.n_disparities - 1)] = 0
         return disparity
 
 
-def _create_sgbm(n_disparities: int, block_size: int, speckle_size: int) -> Any:
+class _StereoMatcher(Protocol):
+    """OpenCV's matchers."""
+
+    def compute(self, left: NDArray[np.uint8], right: NDArray[np.uint8]) -> NDArray[np.int16]: ...
+
+
+@dataclass(frozen=True, slots=True)
+class _Kind:
+    """A kind of matcher: `create` takes the number of disparities, the block's and the smallest segment's size."""
+
+    create: Callable[[int, int, int], _StereoMatcher]
+    default_block_size: int
+    least_block_size: int
+
+
+def _create_sgbm(n_disparities: int, block_size: int, speckle_size: int) -> _StereoMatcher:
+    """Return StereoSGBM along five directions."""
     area = block_size**2
     return cv2.StereoSGBM_create(
         minDisparity=0,
@@ -96,7 +126,8 @@ def _create_sgbm(n_disparities: int, block_size: int, speckle_size: int) -> Any:
     )
 
 
-def _create_bm(n_disparities: int, block_size: int, speckle_size: int) -> Any:
+def _create_bm(n_disparities: int, block_size: int, speckle_size: int) -> _StereoMatcher:
+    """Return StereoBM."""
     matcher = cv2.StereoBM_create(numDisparities=n_disparities, blockSize=block_size)
     matcher.setPreFilterCap(31)
     matcher.setTextureThreshold(10)
@@ -107,8 +138,10 @@ def _create_bm(n_disparities: int, block_size: int, speckle_size: int) -> Any:
     return matcher
 
 
-# How each matcher is made, its default and its least block size.
-_CREATORS = {"sgbm": (_create_sgbm, 5, 1), "bm": (_create_bm, 15, 5)}
+_KINDS = {
+    "sgbm": _Kind(_create_sgbm, default_block_size=5, least_block_size=1),
+    "bm": _Kind(_create_bm, default_block_size=15, least_block_size=5),
+}
 
 
 def _halved(image: NDArray[np.uint8]) -> NDArray[np.uint8]:

@@ -163,6 +163,14 @@ def test_small_segments_are_removed() -> None:
     assert not elas(config=ElasConfig(speckle_size_px=5000)).compute(*pair).any()
 
 
+@pytest.mark.parametrize(("row", "column", "found"), [(2, 70, True), (40, 70, False), (40, 6, False)])
+def test_far_points_along_the_upper_edge_need_less_support(row: int, column: int, found: bool) -> None:
+    image = np.full((90, 160), 128, np.uint8)
+    image[row : row + 14, column : column + 14] = np.random.default_rng(2).integers(0, 256, (14, 14))
+    config = ElasConfig(speckle_size_px=0, min_support=17)  # the patch has room for 4 x 4 points
+    assert elas(16, config=config).compute(image[:, :-3], image[:, 3:]).any() == found
+
+
 def test_gaps() -> None:
     row = np.array([[-1, 5, -1, -1, 7, -1, 20, -1, -1, -1, -1, 20, -1]], np.float32)
     kernels.fill_gaps(row, 3, 3.0)

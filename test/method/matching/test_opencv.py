@@ -6,11 +6,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from lrtrav_ros.config import Config, StereoConfig
-from lrtrav_ros.method.matching import Matcher, create_matcher
+from lrtrav_ros.config import ElasConfig, StereoConfig
+from lrtrav_ros.method.matching import MATCHERS, Matcher, create_matcher
 from lrtrav_ros.method.matching.opencv import OpenCVMatcher
 
-MATCHERS = ("elas", "sgbm", "bm")
 DISPARITY = 12
 
 
@@ -22,7 +21,7 @@ def pair() -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
 
 
 def matcher(name: str, **settings: int | bool) -> Matcher:
-    return create_matcher(Config(threads=1, stereo=StereoConfig(matcher=name, **{"n_disparities": 32, **settings})))
+    return create_matcher(StereoConfig(matcher=name, **{"n_disparities": 32, **settings}), ElasConfig(), threads=1)
 
 
 @pytest.mark.parametrize("name", ["sgbm", "bm"])

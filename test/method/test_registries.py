@@ -1,0 +1,26 @@
+"""The choices of settings, which config.py lists, are those that the method has."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+
+import pytest
+
+from lrtrav_ros.config import find_parameter
+from lrtrav_ros.method import clustering, extension, features, ground, matching
+
+
+@pytest.mark.parametrize(
+    ("setting", "registry"),
+    [
+        ("stereo.matcher", matching.MATCHERS),
+        ("ground.shape", ground.SHAPES),
+        ("features.cues", features.CUES),
+        ("features.texture", features.TEXTURES),
+        ("features.distance", features.DISTANCES),
+        ("clustering.centres", clustering.CENTRES),
+        ("extension.rule", extension.RULES),
+    ],
+)
+def test_choices_are_what_there_is(setting: str, registry: Collection[str]) -> None:
+    assert find_parameter(setting).choices == tuple(registry)

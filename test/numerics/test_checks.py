@@ -1,0 +1,98 @@
+"""The checks of arrays: what passes, and the words that refuse the rest."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from lrtrav_ros.numerics.checks import (
+    check_array,
+    check_count,
+    check_distances,
+    check_finite,
+    check_image,
+    check_labels,
+)
+
+
+@pytest.mark.parametrize("array", [np.zeros((4, 6), np.uint8), np.zeros((1, 1, 3), np.uint8)])
+def test_arrays_of_a_wanted_shape_pass(array: NDArray[np.uint8]) -> None:
+    array.flags.writeable = False
+    check_array("image", array[::-1], np.uint8, ("H", "W"), ("H", "W", 3))
+
+
+@pytest.mark.parametrize(
+    ("array", "message"),
+    [
+        (np.zeros((4, 6), np.uint16), "image is uint16 (4, 6); give uint8 or float32 (H, W) or (5,), not empty"),
+        (np.zeros(4, np.uint8), "image is uint8 (4,); give uint8 or float32 (H, W) or (5,), not empty"),
+        (np.zeros((4, 0), np.uint8), "image is uint8 (4, 0); give uint8 or float32 (H, W) or (5,), not empty"),
+        (np.zeros((), np.uint8), "image is uint8 (); give uint8 or float32 (H, W) or (5,), not empty"),
+        (np.zeros(5, ">f4"), "image is >f4 (5,); give uint8 or float32 (H, W) or (5,), not empty"),
+    ],
+)
+def test_other_arrays_are_refused_with_what_is_wanted(array: NDArray[np.generic], message: str) -> None:
+    with pytest.raises(ValueError, match=f"^{re.escape(message)}$"):
+        check_array("image", array, (np.uint8, np.float32), ("H", "W"), (5,))
+
+
+def test_what_is_no_array_is_a_wrong_type() -> None:
+    with pytest.raises(TypeError, match=r"^image is of type list; give a NumPy array of uint8 \(H, W\), not empty$"):
+        check_array("image", [[1, 2]], np.uint8, ("H", "W"))
+
+
+def test_a_name_stands_for_one_size() -> None:
+    check_array("matrix", np.zeros((3, 3)), np.float64, ("n", "n"))
+    with pytest.raises(ValueError, match=r"matrix is float64 \(3, 4\); give float64 \(n, n\)"):
+        check_array("matrix", np.zeros((3, 4)), np.float64, ("n", "n"))
+
+
+def test_empty_arrays_pass_where_they_may() -> None:
+    check_array("solids", np.zeros((0, 10)), np.float64, ("n", 10), may_be_empty=True)
+    with pytest.raises(ValueError, match=r"solids is float64 \(0, 9\); give float64 \(n, 10\)$"):
+        check_array("solids", np.zeros((0, 9)), np.float64, ("n", 10), may_be_empty=True)
+
+
+def test_images_are_grey_or_bgr() -> None:
+    check_image("left", np.zeros((4, 6), np.uint8))
+    check_image("left", np.zeros((4, 6, 3), np.uint8))
+    with pytest.raises(ValueError, match=r"left is uint8 \(4, 6, 4\); give uint8 \(H, W\) or \(H, W, 3\), not empty"):
+        check_image("left", np.zeros((4, 6, 4), np.uint8))
+
+
+@pytest.mark.parametrize(("label", "passes"), [(-1, False), (0, True), (4, True), (5, False)])
+def test_labels_are_in_range(label: int, passes: bool) -> None:
+    labels = np.array([[0, 1, label]], np.int32)
+    if passes:
+        check_labels("superpixels", labels, 5)
+    else:
+        with pytest.raises(ValueError, match=f"superpixels holds {label}; give labels from 0 to 4"):
+            check_labels("superpixels", labels, 5)
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+def test_numbers_are_finite(value: float) -> None:
+    check_finite("waves", np.zeros((0, 4)))
+    with pytest.raises(ValueError, match="waves holds values that are not finite"):
+        check_finite("waves", np.array([1.0, value]))
+
+
+def test_distances_are_square_and_not_negative() -> None:
+    check_distances("distances", np.zeros((0, 0)))
+    check_distances("distances", np.array([[0, 2.5], [2.5, 0]]))
+    with pytest.raises(ValueError, match=r"distances holds values from -2\.5 to 2\.5; give finite distances from 0 up"):
+        check_distances("distances", np.array([[0, -2.5], [2.5, 0]]))
+
+
+@pytest.mark.parametrize("count", [1, 7, np.int64(3)])
+def test_counts_pass(count: int) -> None:
+    check_count("n_rows", count)
+
+
+@pytest.mark.parametrize(("count", "error"), [(0, ValueError), (-2, ValueError), (2.0, TypeError), (True, TypeError)])
+def test_other_counts_are_refused(count: int, error: type[Exception]) -> None:
+    with pytest.raises(error, match=f"^n_rows is {count}; give "):
+        check_count("n_rows", count)
