@@ -5,7 +5,8 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from lrtrav_ros.config import PRESETS, Config, dump_parameters, parameters
+from lrtrav_ros.config import PRESETS, Config, parameters
+from lrtrav_ros.io.parameter_file import dump_parameters
 
 ROOT = Path(__file__).parents[1]
 HEADS = {
@@ -22,6 +23,10 @@ def parameter_table() -> str:
         "",
         "For the nodes (`--ros-args -p NAME:=VALUE`, `ros2 param set`), for the commands (`--set NAME=VALUE`) and in",
         "YAML files for both. Those marked † are read when a node starts; all others can be changed while it runs.",
+        "",
+        "The files are ROS 2 parameter files: a section for each node, `/short_range` and `/long_range` with the",
+        "namespace, or `/**` for all nodes; `*` stands for one part of a name, `**` for any number, and a section",
+        "overrides those before it. `preset: paper` in one changes the defaults of all other parameters.",
         "",
         "| name | `robust` | `paper` | may be | what it does |",
         "|---|---|---|---|---|",

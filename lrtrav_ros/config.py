@@ -9,10 +9,9 @@ from __future__ import annotations
 import dataclasses
 import math
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from functools import lru_cache
-from pathlib import Path
+from functools import cache
 from typing import Any, cast
 
 import yaml
@@ -21,37 +20,42 @@ Value = bool | int | float | str
 
 PRESETS = ("robust", "paper")
 
+SHORT_RANGE_STAGES = ("threads", "source", "stereo", "elas", "ground")
+"""The stages whose parameters the node ``short_range`` has."""
 
-def setting(
-    default: Value,
-    description: str,
-    *,
-    minimum: float | None = None,
-    maximum: float | None = None,
-    choices: tuple[str, ...] = (),
-    unit: str = "",
-    name: str = "",
-    read_only: bool = False,
-) -> Any:
-    """Return a dataclass field that carries all that a user needs to know of a setting.
+LONG_RANGE_STAGES = ("source", "superpixels", "features", "clustering", "extension")
+"""The stages whose parameters the node ``long_range`` has."""
 
-    `name` is the parameter's full name where it is not ``STAGE.FIELD``; a `read_only` one needs a restart of a node.
-    """
-    metadata = {
-        "description": description,
-        "minimum": minimum,
-        "maximum": maximum,
-        "choices": choices,
-        "unit": unit,
-        "name": name,
-        "read_only": read_only,
-    }
-    return field(default=default, metadata=metadata)
+# Every node of this package has these besides its stages.
+_GENERAL = ("preset", "use_sim_time", "start_type_description_service")
+_GENERAL_PREFIX = "qos_overrides."
+
+_SURELY_MISSPELT = 0.8  # similarity from which on a name can be meant for nobody else
 
 
 @dataclass(frozen=True, slots=True)
 class Parameter:
-    """A setting as the outside sees it: its full name, such as ``stereo.matcher``, and what it may be."""
+    """A setting as the outside sees it: its full name, such as ``stereo.matcher``, and the values it takes.
+
+    Parameters
+    ----------
+    name : str
+        The stage and the field, joined by a dot, where `setting` was given no other name.
+    default : bool, int, float or str
+        Its value in the preset ``robust``.
+    description : str
+        What it sets, and when to change it.
+    minimum, maximum : float, optional
+        Bounds of a number, in `unit`; None for none.
+    choices : tuple of str
+        All values of a text that is not free.
+    unit : str
+        Unit of a number, such as ``m``.
+    read_only : bool
+        A node reads it when it starts; it takes a restart to change it.
+    option : str
+        The option that sets it where a command has one, such as ``--seed``.
+    """
 
     name: str
     default: Value
@@ -61,11 +65,17 @@ class Parameter:
     choices: tuple[str, ...]
     unit: str
     read_only: bool
+    option: str
 
     @property
     def type(self) -> type[Value]:
         """The type of its values: bool, int, float or str."""
         return type(self.default)
+
+    @property
+    def stage(self) -> str:
+        """The stage it belongs to: the first part of its name."""
+        return self.name.partition(".")[0]
 
     def check(self, value: object) -> Value:
         """Return `value` as this parameter's type.
@@ -87,12 +97,14 @@ class Parameter:
 
     def parse(self, text: str) -> Value:
         """Return the value that `text` (from a command line) spells; raises ValueError as `check` does."""
-        if self.type is str:
-            return self.check(text)
+        value: object = text
         try:
-            value = yaml.safe_load(text)
-        except yaml.YAMLError:
-            value = text
+            if self.type in (int, float):
+                value = self.type(text)
+            elif self.type is bool:
+                value = yaml.safe_load(text)
+        except (ValueError, yaml.YAMLError):
+            pass  # `check` refuses the text itself
         return self.check(value)
 
     def _in_range(self, value: float) -> bool:
@@ -102,51 +114,68 @@ class Parameter:
 
     @property
     def range_text(self) -> str:
-        """What it may be, in words: its choices, or its bounds with the unit."""
+        """The values it takes, in words: its choices, or its bounds with the unit."""
         if self.choices:
             return f"one of {', '.join(self.choices)}"
         if self.type is bool:
             return "true or false"
         unit = f" {self.unit}" if self.unit else ""
         if self.minimum is not None and self.maximum is not None:
-            return f"{self.minimum:g} to {self.maximum:g}{unit}"
-        return f"at least {self.minimum:g}{unit}" if self.minimum is not None else "any finite number"
+            return f"{self._spelt(self.minimum)} to {self._spelt(self.maximum)}{unit}"
+        return f"at least {self._spelt(self.minimum)}{unit}" if self.minimum is not None else "any finite number"
+
+    def _spelt(self, bound: float) -> str:
+        """Return a bound as text."""
+        return str(int(bound)) if self.type is int else f"{bound:g}"
 
 
-def _parameters_of(stage: type | object, prefix: str) -> Iterator[tuple[str, Parameter]]:
-    """Yield field name and parameter for each setting of a stage's dataclass."""
-    for item in dataclasses.fields(stage):  # type: ignore[arg-type]
-        if item.metadata:
-            meta = item.metadata
-            yield (
-                item.name,
-                Parameter(
-                    name=meta["name"] or f"{prefix}{item.name}",
-                    default=cast(Value, item.default),
-                    description=meta["description"],
-                    minimum=meta["minimum"],
-                    maximum=meta["maximum"],
-                    choices=meta["choices"],
-                    unit=meta["unit"],
-                    read_only=meta["read_only"],
-                ),
-            )
+def setting(
+    default: Value,
+    description: str,
+    *,
+    minimum: float | None = None,
+    maximum: float | None = None,
+    choices: tuple[str, ...] = (),
+    unit: str = "",
+    name: str = "",
+    read_only: bool = False,
+    option: str = "",
+) -> Any:
+    """Return a dataclass field of a `CheckedConfig` that carries all that a user needs to know of a setting.
+
+    The arguments are those of `Parameter`; `name` is only given where it is not the stage's and the field's.
+    """
+    parameter = Parameter(name, default, description, minimum, maximum, choices, unit, read_only, option)
+    return field(default=default, metadata={"parameter": parameter})
 
 
-class _Stage:
-    """Base of the configurations: checks every setting when one is made."""
+class CheckedConfig:
+    """Base of the configurations, which are frozen dataclasses with a `setting` for each field.
+
+    Making one raises ValueError where a value does not fit. `prefix` begins the full names of its parameters.
+    """
 
     __slots__ = ()
     prefix = ""
 
     def __post_init__(self) -> None:
-        for name, parameter in _parameters_of(self, self.prefix):
+        for name, parameter in settings_of(type(self)).items():
             object.__setattr__(self, name, parameter.check(getattr(self, name)))
 
 
+def settings_of(config: type[CheckedConfig]) -> Mapping[str, Parameter]:
+    """Return the parameter of each field that `setting` declares, by the field's name and in their order."""
+    settings = {}
+    for item in dataclasses.fields(config):  # type: ignore[arg-type]  # every subclass is a dataclass
+        if "parameter" in item.metadata:
+            parameter: Parameter = item.metadata["parameter"]
+            settings[item.name] = dataclasses.replace(parameter, name=parameter.name or config.prefix + item.name)
+    return settings
+
+
 @dataclass(frozen=True, slots=True)
-class SourceConfig(_Stage):
-    """Where disparity comes from."""
+class SourceConfig(CheckedConfig):
+    """The source of disparity."""
 
     prefix = "source."
 
@@ -160,17 +189,22 @@ class SourceConfig(_Stage):
     )
     max_depth_m: float = setting(
         0.0,
-        "how far depth or disparity is trusted: what is farther is left to the long range; 0 for no limit",
+        "how far disparity and depth are trusted: what is farther is left to the long range; 0 for no limit; "
+        "set it to where the camera's depth becomes ragged, often about 10 m",
         minimum=0.0,
         maximum=1000.0,
         unit="m",
     )
     compressed: bool = setting(
-        False, "subscribe to …/compressed (sensor_msgs/CompressedImage) in place of raw images", read_only=True
+        False,
+        "subscribe to …/compressed (sensor_msgs/CompressedImage) in place of raw images; "
+        "for cameras on another computer",
+        read_only=True,
     )
     max_stamp_difference_s: float = setting(
         0.005,
-        "left and right images whose stamps differ by more are not a pair",
+        "two images whose stamps differ by more are not of one frame; raise it for cameras that are not triggered "
+        "together, to less than half the time between two frames",
         minimum=0.0,
         maximum=1.0,
         unit="s",
@@ -178,29 +212,33 @@ class SourceConfig(_Stage):
 
 
 @dataclass(frozen=True, slots=True)
-class StereoConfig(_Stage):
+class StereoConfig(CheckedConfig):
     """Stereo matching, for every matcher."""
 
     prefix = "stereo."
 
     matcher: str = setting(
         "elas",
-        "elas: the paper's matcher; sgbm, bm: OpenCV's semi-global and block matcher",
+        "elas: the paper's matcher; sgbm, bm: OpenCV's semi-global and block matcher; bm where a frame takes too long",
         choices=("elas", "sgbm", "bm"),
     )
     n_disparities: int = setting(
         128,
-        "disparities 0 .. n - 1 are searched; sgbm and bm round up to a multiple of 16",
+        "disparities 0 .. n - 1 are searched; sgbm and bm round up to a multiple of 16; raise it to match what is "
+        "nearer than focal length x baseline / n, lower it to save time",
         minimum=1,
         maximum=512,
         unit="px",
     )
     half_resolution: bool = setting(
-        False, "match every second row and column: faster and coarser; the result has full size"
+        False,
+        "match every second row and column: faster and coarser; the result has full size; "
+        "for large images and slow computers",
     )
     block_size: int = setting(
         0,
-        "matching window of sgbm and bm, rounded up to an odd number, for bm at least 5; 0 for 5 (sgbm) and 15 (bm)",
+        "matching window of sgbm and bm, rounded up to an odd number, for bm at least 5; 0 for 5 (sgbm) and 15 (bm); "
+        "raise it for noisy images, lower it for thin obstacles",
         minimum=0,
         maximum=31,
         unit="px",
@@ -208,93 +246,179 @@ class StereoConfig(_Stage):
 
 
 @dataclass(frozen=True, slots=True)
-class ElasConfig(_Stage):
+class ElasConfig(CheckedConfig):
     """ELAS; Geiger, Roser and Urtasun, ACCV 2010, with the settings for robotics."""
 
     prefix = "elas."
 
-    grid_step_px: int = setting(5, "distance of the candidates for support points", minimum=1, maximum=50, unit="px")
-    support_texture: int = setting(10, "least sum of |descriptor - 128| of a support point", minimum=0, maximum=2048)
+    grid_step_px: int = setting(
+        5,
+        "distance of the candidates for support points; lower it for thin obstacles, raise it to save time",
+        minimum=1,
+        maximum=50,
+        unit="px",
+    )
+    support_texture: int = setting(
+        10,
+        "least sum of |descriptor - 128| of a support point; raise it where noise passes for texture, "
+        "lower it for dark or hazy images",
+        minimum=0,
+        maximum=2048,
+    )
     support_uniqueness: float = setting(
-        0.85, "largest ratio of the best to the second-best cost of a support point", minimum=0.0, maximum=1.0
+        0.85,
+        "largest ratio of the best to the second-best cost of a support point; "
+        "lower it where fences and other repeated texture match wrongly",
+        minimum=0.0,
+        maximum=1.0,
     )
     consistency_px: int = setting(
         2,
-        "largest difference of left and right disparity, for support points and pixels",
+        "largest difference of left and right disparity, for support points and pixels; "
+        "lower it for fewer wrong pixels, raise it for fewer holes",
         minimum=0,
         maximum=20,
         unit="px",
     )
     support_window: int = setting(
         5,
-        "half size of the neighbourhood that must agree with a support point",
+        "half size of the neighbourhood that must agree with a support point; raise it with a smaller grid_step_px",
         minimum=1,
         maximum=50,
         unit="grid cells",
     )
     support_similarity_px: int = setting(
-        5, "support points of a neighbourhood agree within this difference", minimum=0, maximum=50, unit="px"
+        5,
+        "support points of a neighbourhood agree within this difference; raise it for steep surfaces near the camera",
+        minimum=0,
+        maximum=50,
+        unit="px",
     )
     min_support: int = setting(
-        5, "a support point that fewer of its neighbourhood, itself included, agree with is dropped",
-        minimum=0, maximum=1000,
-    )  # fmt: skip
+        5,
+        "a support point that fewer of its neighbourhood, itself included, agree with is dropped; "
+        "raise it where single wrong points remain, lower it for thin obstacles",
+        minimum=0,
+        maximum=1000,
+    )
     redundancy_window: int = setting(
         5,
-        "a support point between two alike, this close along the row or column, is dropped; 0 keeps all",
+        "a support point between two alike, this close along the row or column, is dropped; 0 keeps all; "
+        "raise it for fewer triangles",
         minimum=0,
         maximum=50,
         unit="grid cells",
     )
     match_texture: int = setting(
-        1, "least sum of |descriptor - 128| of a pixel that is matched", minimum=0, maximum=2048
+        1,
+        "least sum of |descriptor - 128| of a pixel that is matched; raise it to leave uniform regions unmatched",
+        minimum=0,
+        maximum=2048,
     )
-    beta: float = setting(0.02, "weight of the descriptors' difference", minimum=0.001, maximum=10.0)
-    gamma: float = setting(3.0, "constant part of the prior on disparity", minimum=0.01, maximum=100.0)
-    sigma_px: float = setting(1.0, "width of the prior around the plane", minimum=0.1, maximum=20.0, unit="px")
+    beta: float = setting(
+        0.02,
+        "weight of the descriptors' difference; raise it to trust the images more and the planes less",
+        minimum=0.001,
+        maximum=10.0,
+    )
+    gamma: float = setting(
+        3.0,
+        "constant part of the prior on disparity; raise it where pixels may leave their plane more freely",
+        minimum=0.01,
+        maximum=100.0,
+    )
+    sigma_px: float = setting(
+        1.0,
+        "width of the prior around the plane; raise it for rough terrain",
+        minimum=0.1,
+        maximum=20.0,
+        unit="px",
+    )
     plane_radius_px: int = setting(
-        2, "disparities this close to the plane are searched", minimum=0, maximum=20, unit="px"
+        2,
+        "disparities this close to the plane are searched; raise it for rough terrain, at the price of time",
+        minimum=0,
+        maximum=20,
+        unit="px",
     )
     cell_size_px: int = setting(
         20,
-        "support points of a pixel's cell and its neighbours add their disparities",
+        "support points of a pixel's cell and its neighbours add their disparities; lower it to save time",
         minimum=4,
         maximum=200,
         unit="px",
     )
-    speckle_size_px: int = setting(200, "smaller segments are removed", minimum=0, maximum=100000, unit="px")
+    speckle_size_px: int = setting(
+        200,
+        "smaller segments are removed; lower it for small images and thin obstacles, raise it where false patches stay",
+        minimum=0,
+        maximum=100000,
+        unit="px",
+    )
     speckle_similarity_px: float = setting(
-        1.0, "neighbours within this difference belong to one segment", minimum=0.0, maximum=20.0, unit="px"
+        1.0,
+        "neighbours within this difference belong to one segment; lower it to cut false patches off more readily",
+        minimum=0.0,
+        maximum=20.0,
+        unit="px",
     )
     gap_width_px: int = setting(
-        3, "longest gap along a row or column that is filled", minimum=0, maximum=5000, unit="px"
+        3,
+        "longest gap along a row or column that is filled; raise it for disparity without holes, some of it guessed",
+        minimum=0,
+        maximum=5000,
+        unit="px",
     )
-    adaptive_mean: bool = setting(True, "smooth with the adaptive-mean filter")
+    adaptive_mean: bool = setting(True, "smooth with the adaptive-mean filter; turn it off to save time")
 
 
 @dataclass(frozen=True, slots=True)
-class GroundConfig(_Stage):
+class GroundConfig(CheckedConfig):
     """Short range: u-v-disparity and the ground line."""
 
     prefix = "ground."
 
     obstacle_height_m: float = setting(
-        0.5, "an upright thing of this height fills a cell of the u-disparity", minimum=0.05, maximum=10.0, unit="m"
+        0.5,
+        "an upright thing of this height fills a cell of the u-disparity; "
+        "lower it where low obstacles are missed, raise it where rough ground counts as one",
+        minimum=0.05,
+        maximum=10.0,
+        unit="m",
     )
     min_obstacle_share: float = setting(
-        0.05, "least share of the image's rows that such a cell covers", minimum=0.0, maximum=1.0
+        0.05,
+        "least share of the image's rows that such a cell covers; raise it where distant ground counts as an obstacle",
+        minimum=0.0,
+        maximum=1.0,
     )
     min_camera_height_m: float = setting(
-        0.2, "ground lines of a lower camera are refused", minimum=0.01, maximum=100.0, unit="m"
+        0.2,
+        "ground lines of a lower camera are refused; set it somewhat below the camera's height where that is known",
+        minimum=0.01,
+        maximum=100.0,
+        unit="m",
     )
     max_camera_height_m: float = setting(
-        5.0, "ground lines of a higher camera are refused", minimum=0.01, maximum=100.0, unit="m"
+        5.0,
+        "ground lines of a higher camera are refused; set it somewhat above the camera's height where that is known",
+        minimum=0.01,
+        maximum=100.0,
+        unit="m",
     )
     max_pitch_deg: float = setting(
-        45.0, "ground lines of a camera pitched farther up or down are refused", minimum=1.0, maximum=60.0, unit="deg"
+        45.0,
+        "ground lines of a camera pitched farther up or down are refused; lower it where the camera stays level",
+        minimum=1.0,
+        maximum=60.0,
+        unit="deg",
     )
     min_support: float = setting(
-        0.1, "least share of the disparities below the horizon that lie on a ground line", minimum=0.0, maximum=1.0
+        0.1,
+        "least share of the disparities below the horizon that lie on a ground line; "
+        "lower it where obstacles hide most of the ground, raise it where walls are taken for ground",
+        minimum=0.0,
+        maximum=1.0,
     )
     shape: str = setting(
         "curved",
@@ -302,23 +426,38 @@ class GroundConfig(_Stage):
         "a plane that bends along the way, for crests and slopes",
         choices=("line", "plane", "curved"),
     )
-    noise_px: float = setting(0.4, "precision of disparities", minimum=0.01, maximum=20.0, unit="px")
+    noise_px: float = setting(
+        0.4,
+        "precision of disparities; raise it for a coarse matcher or an imprecise rectification",
+        minimum=0.01,
+        maximum=20.0,
+        unit="px",
+    )
     depth_noise_px: float = setting(
-        0.2, "precision of disparities that come from a depth image", minimum=0.01, maximum=20.0, unit="px"
+        0.2,
+        "precision of disparities that come from a depth image; raise it for a noisy depth camera",
+        minimum=0.01,
+        maximum=20.0,
+        unit="px",
     )
     max_step_m: float = setting(
-        0.13, "what is higher or lower than this is not ground", minimum=0.0, maximum=2.0, unit="m"
+        0.13,
+        "what is higher or lower than this is not ground; set it to what the robot can climb",
+        minimum=0.0,
+        maximum=2.0,
+        unit="m",
     )
     min_obstacle_m: float = setting(
         0.3,
-        "what stands this high above the plane is an obstacle; 0 takes the u-disparity's obstacles alone",
+        "what stands this high above the plane is an obstacle; 0 takes the u-disparity's obstacles alone; "
+        "lower it for robots that must avoid low things",
         minimum=0.0,
         maximum=5.0,
         unit="m",
     )
     max_hole_px: int = setting(
         31,
-        "holes in the ground without disparity are filled up to this size; 0 for none",
+        "holes in the ground without disparity are filled up to this size; 0 for none; raise it for sparse disparity",
         minimum=0,
         maximum=501,
         unit="px",
@@ -326,60 +465,86 @@ class GroundConfig(_Stage):
 
 
 @dataclass(frozen=True, slots=True)
-class SuperpixelsConfig(_Stage):
+class SuperpixelsConfig(CheckedConfig):
     """Preemptive SLIC; Neubert and Protzel, ICPR 2014."""
 
     prefix = "superpixels."
 
-    n_superpixels: int = setting(200, "superpixels that are asked for", minimum=1, maximum=20000)
+    n_superpixels: int = setting(
+        200,
+        "superpixels that are asked for; raise it for narrow paths and thin obstacles, at the price of time",
+        minimum=1,
+        maximum=20000,
+    )
     compactness: float = setting(
-        20.0, "weight of distance in the image against distance in Lab colour; higher gives squarer superpixels",
-        minimum=0.1, maximum=1000.0,
-    )  # fmt: skip
-    max_iterations: int = setting(10, "iterations at most", minimum=1, maximum=100)
+        20.0,
+        "weight of distance in the image against distance in Lab colour; raise it for squarer superpixels, "
+        "lower it for ones that follow faint edges",
+        minimum=0.1,
+        maximum=1000.0,
+    )
+    max_iterations: int = setting(10, "iterations at most; lower it to save time", minimum=1, maximum=100)
     preemption_threshold: float = setting(
-        0.01, "share of pixels that must have changed label for a cluster to be visited again", minimum=0.0, maximum=1.0
+        0.01,
+        "share of pixels that must have changed label for a cluster to be visited again; "
+        "raise it to save time, 0 for plain SLIC",
+        minimum=0.0,
+        maximum=1.0,
     )
 
 
 @dataclass(frozen=True, slots=True)
-class FeaturesConfig(_Stage):
+class FeaturesConfig(CheckedConfig):
     """Colour and texture of superpixels, and the distance between two of them."""
 
     prefix = "features."
 
-    cues: str = setting("both", "what superpixels are compared by", choices=("both", "colour", "texture"))
+    cues: str = setting(
+        "both",
+        "what superpixels are compared by; colour or texture alone where the other misleads",
+        choices=("both", "colour", "texture"),
+    )
     texture: str = setting(
         "wld",
-        "texture descriptor: Weber's law; binary patterns: local, centre-symmetric, ternary; homogeneity",
+        "texture descriptor: Weber's law, the paper's choice; binary patterns: local, centre-symmetric, ternary; "
+        "homogeneity",
         choices=("wld", "lbp", "cs_lbp", "ltp", "homogeneity"),
     )
     distance: str = setting(
         "correlation",
-        "distance between histograms",
+        "distance between histograms; correlation is the paper's choice",
         choices=("correlation", "chi_square", "intersection", "bhattacharyya", "euclidean", "earth_mover"),
     )
 
 
 @dataclass(frozen=True, slots=True)
-class ClusteringConfig(_Stage):
+class ClusteringConfig(CheckedConfig):
     """Improved spectral clustering of the superpixels."""
 
     prefix = "clustering."
 
     k: int = setting(
-        10, "number of clusters; 0 takes it from the largest gap between eigenvalues", minimum=0, maximum=1000
+        10,
+        "number of clusters; 0 takes it from the largest gap between eigenvalues; raise it where ground and obstacles "
+        "share a cluster, lower it where the long range ends too soon",
+        minimum=0,
+        maximum=1000,
     )
     centres: str = setting(
         "farthest",
-        "initial centres of k-means: each the farthest from those before, or at random",
+        "initial centres of k-means: each the farthest from those before, or at random, as the paper's comparison",
         choices=("farthest", "random"),
     )
-    seed: int = setting(0, "seed of the random first centre", minimum=0, maximum=2**31 - 1)
+    seed: int = setting(
+        0,
+        "seed of the random first centre; change it to see how much depends on chance",
+        minimum=0,
+        maximum=2**31 - 1,
+    )
 
 
 @dataclass(frozen=True, slots=True)
-class ExtensionConfig(_Stage):
+class ExtensionConfig(CheckedConfig):
     """Extension of the short-range ground over the clusters."""
 
     prefix = "extension."
@@ -391,12 +556,16 @@ class ExtensionConfig(_Stage):
         choices=("area", "evidence"),
     )
     min_share: float = setting(
-        0.5, "a cluster or region with more than this share of ground is traversable", minimum=0.0, maximum=1.0
+        0.5,
+        "a cluster or region with more than this share of ground is traversable; "
+        "raise it to claim less ground, lower it to see farther",
+        minimum=0.0,
+        maximum=1.0,
     )
 
 
 @dataclass(frozen=True, slots=True)
-class Config(_Stage):
+class Config(CheckedConfig):
     """The whole configuration: one part per stage, and what concerns them all.
 
     Examples
@@ -409,7 +578,8 @@ class Config(_Stage):
 
     threads: int = setting(
         0,
-        "threads that matching may use; 0 for all processors; the result does not depend on it",
+        "threads that matching may use; 0 for all processors; lower it to leave processors to others: "
+        "the result does not depend on it",
         minimum=0,
         maximum=256,
     )
@@ -445,11 +615,11 @@ class Config(_Stage):
         ValueError
             If a name is unknown or a value does not fit; nothing is changed then.
         """
-        places = _places()
         changes: dict[str, dict[str, Any]] = {}
         for name, value in values.items():
-            stage, attribute = places[find_parameter(name).name]
-            changes.setdefault(stage, {})[attribute] = find_parameter(name).check(value)
+            parameter = find_parameter(name)
+            stage, attribute = _places()[name]
+            changes.setdefault(stage, {})[attribute] = parameter.check(value)
         own = changes.pop("", {})
         stages: dict[str, Any] = {
             stage: dataclasses.replace(getattr(self, stage), **new) for stage, new in changes.items()
@@ -480,76 +650,80 @@ _PAPER: dict[str, Value] = {
 }
 
 
-def _stages() -> Iterator[tuple[str, object]]:
-    yield "", Config()
-    for item in dataclasses.fields(Config):
-        if not item.metadata:
-            yield item.name, getattr(Config(), item.name)
+def _stages() -> dict[str, type[CheckedConfig]]:
+    """Return the configuration of each stage; that of `Config` itself under an empty name."""
+    parts = {item.name: item.default_factory for item in dataclasses.fields(Config) if not item.metadata}
+    return {"": Config, **cast("dict[str, type[CheckedConfig]]", parts)}
 
 
-@lru_cache(maxsize=1)
+@cache
 def _places() -> dict[str, tuple[str, str]]:
-    """Return stage and attribute of each parameter; the stage is empty for those of `Config` itself."""
+    """Return stage and field of each parameter; the stage is empty for those of `Config` itself."""
     return {
         parameter.name: (stage, attribute)
-        for stage, part in _stages()
-        for attribute, parameter in _parameters_of(part, f"{stage}." if stage else "")
+        for stage, part in _stages().items()
+        for attribute, parameter in settings_of(part).items()
     }
 
 
-@lru_cache(maxsize=1)
+@cache
 def parameters() -> tuple[Parameter, ...]:
     """Return every parameter, with the defaults of the preset ``robust``."""
-    return tuple(
-        parameter for stage, part in _stages() for _, parameter in _parameters_of(part, f"{stage}." if stage else "")
-    )
+    return tuple(parameter for part in _stages().values() for parameter in settings_of(part).values())
 
 
 def find_parameter(name: str) -> Parameter:
-    """Return the parameter called `name`; raises ValueError, with the closest names, if there is none."""
-    import difflib
+    """Return the parameter called `name`; raises ValueError, with the names that are near, if there is none."""
+    for parameter in parameters():
+        if parameter.name == name:
+            return parameter
+    nearest = _nearest(name)
+    remedy = f"did you mean {' or '.join(nearest)}?" if nearest else "`lrtrav detect --help` lists all"
+    raise ValueError(f"no parameter {name!r}; {remedy}")
 
-    known = {parameter.name: parameter for parameter in parameters()}
-    if name not in known:
-        close = difflib.get_close_matches(name, known, n=3) or list(known)
-        raise ValueError(f"no parameter {name!r}; did you mean {' or '.join(close)}?")
-    return known[name]
 
+def foreign_names(names: Iterable[str]) -> tuple[str, ...]:
+    """Return those of `names` that are meant for nodes of others: no parameter here is called so, or nearly so.
 
-def load_parameters(path: Path) -> dict[str, object]:
-    """Return the parameters of a ROS parameter file, by full name.
-
-    They stand under ``NODE: ros__parameters:`` for any node, nested or with dots.
+    A section for all nodes of a robot, ``/**``, has such names. ``preset``, ``use_sim_time``, ``qos_overrides`` and
+    what else every node has are not among them.
 
     Raises
     ------
-    FileNotFoundError
-        If there is no such file.
     ValueError
-        If it is not a ROS parameter file.
+        If a name is most likely a misspelt one of ours: it is near one, or begins with the name of a stage.
     """
-    try:
-        document = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (yaml.YAMLError, UnicodeDecodeError) as err:
-        raise ValueError(f"{path} is not YAML: {' '.join(str(err).split())}") from err
-    if not isinstance(document, dict) or not document:
-        raise ValueError(f"{path} has no parameters; write them under '/**:' and 'ros__parameters:'")
-    values: dict[str, object] = {}
-    for node, content in document.items():
-        if not isinstance(content, dict) or not isinstance(content.get("ros__parameters"), dict):
-            raise ValueError(f"{path} has no 'ros__parameters:' under {str(node)!r}; write the parameters there")
-        values.update(_flattened(content["ros__parameters"], ""))
-    return values
+    known = {parameter.name for parameter in parameters()}
+    foreign = [name for name in names if name not in known and not is_general(name)]
+    for name in foreign:
+        if _is_misspelt(name):
+            find_parameter(name)  # says which are near
+    return tuple(foreign)
 
 
-def _flattened(tree: Mapping[object, object], prefix: str) -> Iterator[tuple[str, object]]:
-    for key, value in tree.items():
-        if isinstance(value, Mapping):
-            yield from _flattened(value, f"{prefix}{key}.")
-        else:
-            yield f"{prefix}{key}", value
+def is_general(name: str) -> bool:
+    """Return whether `name` is a parameter that every node has, such as ``use_sim_time``, and that is no setting."""
+    return name in _GENERAL or name.startswith(_GENERAL_PREFIX)
 
 
-def dump_parameters(config: Config) -> str:
-    """Return `config` as the text of a ROS parameter file, which `load_parameters` and the nodes read."""
-    return yaml.safe_dump({"/**": {"ros__parameters": config.values()}}, sort_keys=False)
+def _is_misspelt(name: str) -> bool:
+    """Return whether an unknown name can only be meant for a parameter of ours."""
+    import difflib
+
+    stage, dot, _ = name.partition(".")
+    if dot and any(stage == parameter.stage for parameter in parameters()):
+        return True
+    return bool(difflib.get_close_matches(name, _all_names(), n=1, cutoff=_SURELY_MISSPELT))
+
+
+def _nearest(name: str) -> list[str]:
+    """Return up to three names that resemble `name`, the nearest first; one that only lacks its stage before all."""
+    import difflib
+
+    others = [known for known in _all_names() if known != name]
+    return [known for known in others if known.endswith(f".{name}")] or difflib.get_close_matches(name, others, n=3)
+
+
+def _all_names() -> list[str]:
+    """Return the names of all parameters and of what every node has."""
+    return [*(parameter.name for parameter in parameters()), *_GENERAL]

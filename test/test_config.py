@@ -8,13 +8,14 @@ import sys
 from pathlib import Path
 
 import pytest
-import yaml
 
 from lrtrav_ros.config import (
-    PRESETS,
+    LONG_RANGE_STAGES,
+    SHORT_RANGE_STAGES,
     Config,
     find_parameter,
-    load_parameters,
+    foreign_names,
+    is_general,
     parameters,
 )
 
@@ -89,41 +90,66 @@ def test_a_configuration_checks_what_it_is_made_of() -> None:
         ("stereo.matcher", "bm", "bm"),
         ("clustering.k", "0", 0),
         ("elas.beta", "2", 2.0),
+        ("elas.beta", "2e-3", 0.002),
         ("elas.adaptive_mean", "false", False),
     ],
 )
 def test_parse(name: str, text: str, value: object) -> None:
-    assert find_parameter(name).parse(text) == value
+    parsed = find_parameter(name).parse(text)
+    assert (parsed, type(parsed)) == (value, type(value))
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "message"),
+    [
+        ("clustering.k", "2.5", "clustering.k is '2.5'; give int: 0 to 1000"),
+        ("elas.beta", "nan", "elas.beta is nan; give 0.001 to 10"),
+        ("elas.beta", "[", r"elas.beta is '\['; give float"),
+        ("elas.adaptive_mean", "3", "elas.adaptive_mean is 3; give bool: true or false"),
+        ("elas.adaptive_mean", "[", r"elas.adaptive_mean is '\['; give bool"),
+        ("clustering.seed", "-1", "clustering.seed is -1; give 0 to 2147483647"),
+    ],
+)
+def test_parse_refuses_what_does_not_fit(name: str, text: str, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        find_parameter(name).parse(text)
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("stereo.mathcer", "no parameter 'stereo.mathcer'; did you mean stereo.matcher?"),
+        ("k", "no parameter 'k'; did you mean clustering.k?"),
+        ("presett", "no parameter 'presett'; did you mean preset?"),
+        ("robot_radius", "no parameter 'robot_radius'; `lrtrav detect --help` lists all"),
+        ("use_sim_time", "no parameter 'use_sim_time'; `lrtrav detect --help` lists all"),
+    ],
+)
+def test_unknown_name_is_refused_with_the_nearest_only(name: str, message: str) -> None:
+    with pytest.raises(ValueError, match="no parameter") as refused:
+        find_parameter(name)
+    assert str(refused.value) == message
+
+
+def test_names_for_nodes_of_others_are_told_from_ours() -> None:
+    general = ["preset", "use_sim_time", "start_type_description_service", "qos_overrides./tf.publisher.depth"]
+    assert all(map(is_general, general))
+    names = ["stereo.matcher", "robot_radius", "threads", "source_list", *general, "FollowPath.max_vel_x"]
+    assert foreign_names(names) == ("robot_radius", "source_list", "FollowPath.max_vel_x")
+
+
+@pytest.mark.parametrize("name", ["stereo.mathcer", "stereo.frame_id", "sterio.matcher", "thread", "use_simtime"])
+def test_misspelt_names_are_not_taken_for_those_of_others(name: str) -> None:
+    with pytest.raises(ValueError, match=f"no parameter '{name}'"):
+        foreign_names(["robot_radius", name])
+
+
+def test_every_stage_belongs_to_a_node() -> None:
+    assert {parameter.stage for parameter in parameters()} == {*SHORT_RANGE_STAGES, *LONG_RANGE_STAGES}
+    assert find_parameter("source").stage == find_parameter("source.compressed").stage == "source"
 
 
 def test_files_that_are_made_from_the_configuration_are_up_to_date() -> None:
     command = [sys.executable, str(ROOT / "docs" / "make_tables.py"), "--check"]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert (done.stdout.strip(), done.returncode) == ("up to date", 0)
-
-
-@pytest.mark.parametrize("preset", PRESETS)
-def test_files_in_config_are_the_presets(preset: str) -> None:
-    assert Config().updated(load_parameters(ROOT / "config" / f"{preset}.yaml")) == Config.preset(preset)
-
-
-def test_parameter_file_nested_or_with_dots(tmp_path: Path) -> None:
-    path = tmp_path / "params.yaml"
-    path.write_text(yaml.safe_dump({"/**": {"ros__parameters": {"stereo": {"matcher": "bm"}, "elas.beta": 0.5}}}))
-    assert load_parameters(path) == {"stereo.matcher": "bm", "elas.beta": 0.5}
-
-
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [("", "has no parameters"), ("stereo: {matcher: bm}", "no 'ros__parameters:'"), ("a: [", "is not YAML")],
-)
-def test_bad_parameter_file(tmp_path: Path, text: str, message: str) -> None:
-    path = tmp_path / "params.yaml"
-    path.write_text(text)
-    with pytest.raises(ValueError, match=message):
-        load_parameters(path)
-
-
-def test_missing_parameter_file(tmp_path: Path) -> None:
-    with pytest.raises(FileNotFoundError, match=r"none\.yaml"):
-        load_parameters(tmp_path / "none.yaml")

@@ -5,20 +5,66 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Sequence
+from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
+from typing import Any
+
+from lrtrav_ros.commands.usage_error import UsageError
+
+
+@dataclass(frozen=True, slots=True)
+class Command:
+    """A subcommand, and where it is.
+
+    Parameters
+    ----------
+    summary : str
+        Its line in the help of ``lrtrav``.
+    module : str
+        The module in this package that has its ``add_arguments(parser)`` and ``run(args)``.
+    attribute : str
+        What has them in the module's place, where the module has several commands.
+    takes_ros_args : bool
+        ``--ros-args`` and all that follows is left to ROS; `run` finds it as ``args.ros_args``.
+    """
+
+    summary: str
+    module: str
+    attribute: str = ""
+    takes_ros_args: bool = False
+
+    def load(self) -> Any:
+        """Return what has ``add_arguments`` and ``run``; nothing of it is imported before."""
+        module = import_module(f"lrtrav_ros.commands.{self.module}")
+        return getattr(module, self.attribute) if self.attribute else module
+
 
 COMMANDS = {
-    "demo": "makes a sequence, replays it through both nodes, scores the masks and draws them",
-    "detect": "detects the traversable region in dataset folders and rosbags",
-    "evaluate": "scores methods on frames with ground truth: table, CSV, JSON and a report",
-    "benchmark": "measures time per stage and memory",
-    "generate": "renders synthetic stereo sequences with exact truth",
-    "replay": "publishes the stereo topics of a rosbag",
-    "detector": "runs both nodes in one process",
-    "short_range_node": "runs the node for disparity and short-range ground",
-    "long_range_node": "runs the node for the region to the horizon",
+    "demo": Command("makes a sequence, replays it through both nodes, scores the masks and draws them", "demo"),
+    "detect": Command("detects the traversable region in dataset folders and rosbags", "detect"),
+    "evaluate": Command("scores methods on frames with ground truth: table, CSV, JSON and a report", "evaluate"),
+    "benchmark": Command("measures time per stage and memory", "benchmark"),
+    "generate": Command("renders synthetic stereo sequences with exact truth", "generate"),
+    "replay": Command("publishes the stereo topics of a rosbag", "replay", takes_ros_args=True),
+    "detector": Command("runs both nodes in one process", "run_nodes", "DETECTOR", takes_ros_args=True),
+    "short_range_node": Command(
+        "runs the node for disparity and short-range ground", "run_nodes", "SHORT_RANGE_NODE", takes_ros_args=True
+    ),
+    "long_range_node": Command(
+        "runs the node for the region to the horizon", "run_nodes", "LONG_RANGE_NODE", takes_ros_args=True
+    ),
 }
+
+
+class _ShowVersion(argparse.Action):
+    """Prints the version and ends; it is looked up only then, for that takes as long as all the rest of ``--help``."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> None:
+        from lrtrav_ros import __version__
+
+        print(f"lrtrav {__version__}")
+        parser.exit()
 
 
 def main() -> int:
@@ -33,9 +79,10 @@ def run_lrtrav(arguments: Sequence[str]) -> int:
     parser = argparse.ArgumentParser(
         prog="lrtrav",
         description="Finds where a mobile robot can drive, far beyond the range of its stereo camera.",
-        epilog="commands:\n" + "\n".join(f"  {name:{width}}{text}" for name, text in COMMANDS.items()),
+        epilog="commands:\n" + "\n".join(f"  {name:{width}}{command.summary}" for name, command in COMMANDS.items()),
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
+    parser.add_argument("--version", action=_ShowVersion, nargs=0, help="show the version and exit")
     parser.add_argument("command", choices=COMMANDS, metavar="COMMAND", help="one of those below")
     parser.add_argument("arguments", nargs=argparse.REMAINDER, metavar="...", help="see lrtrav COMMAND --help")
     args = parser.parse_args(arguments)
@@ -47,19 +94,19 @@ def run(name: str, arguments: Sequence[str], *, prog: str = "") -> int:
 
     Only the module of that command is imported, and it imports what is heavy when it runs.
     """
-    module = import_module(f"lrtrav_ros.commands.{name}")
     prog = prog or name
-    parser = argparse.ArgumentParser(prog=prog, description=(module.__doc__ or "").split("\n")[0])
-    module.add_arguments(parser)
-    own, ros_args = _split_ros_args(arguments) if getattr(module, "PASSES_ROS_ARGS", False) else (arguments, [])
+    command = COMMANDS[name].load()
+    parser = argparse.ArgumentParser(prog=prog, description=(command.__doc__ or "").split("\n")[0])
+    command.add_arguments(parser)
+    own, ros_args = _split_ros_args(arguments) if COMMANDS[name].takes_ros_args else (arguments, [])
     args = parser.parse_args(own, argparse.Namespace(ros_args=ros_args))
     try:
-        return int(module.run(args))
+        return int(command.run(args))
     except KeyboardInterrupt:
         return 130
     except (OSError, ValueError, RuntimeError) as err:
         print(f"{prog}: {err}", file=sys.stderr)
-        return 1
+        return 2 if isinstance(err, UsageError) else 1
 
 
 def _split_ros_args(arguments: Sequence[str]) -> tuple[list[str], list[str]]:

@@ -11,12 +11,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from lrtrav_ros.commands.options import add_detection_options, config_from
+from lrtrav_ros.commands.usage_error import UsageError
 
 if TYPE_CHECKING:
-    from lrtrav_ros.config import Config
-    from lrtrav_ros.io.dataset_folder import Frame
+    from lrtrav_ros.config import Config, Value
+    from lrtrav_ros.frame import Frame
 
 _REFERENCE = "StereoSGBM"
+_DEFAULTS: dict[str, Value] = {"threads": 1, "stereo.n_disparities": 64}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -37,7 +39,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 @dataclass(frozen=True, slots=True)
 class Figures:
-    """What was measured: the median time of each stage in milliseconds, the frame rate and the memory's peak."""
+    """Measurements: the median time of each stage in milliseconds, the frame rate and the memory's peak."""
 
     width: int
     height: int
@@ -52,9 +54,8 @@ class Figures:
 def run(args: argparse.Namespace) -> int:
     """Measure, and print a table."""
     if args.frames < 1 or args.rounds < 1:
-        raise ValueError(f"--frames is {args.frames}, --rounds {args.rounds}; give numbers of at least 1")
-    args.settings = ["threads=1", "stereo.n_disparities=64", *args.settings]
-    config = config_from(args)
+        raise UsageError(f"--frames is {args.frames}, --rounds {args.rounds}; give numbers of at least 1")
+    config = config_from(args, defaults=_DEFAULTS)
     if config.threads == 1:
         for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
             os.environ.setdefault(variable, "1")  # read when NumPy is imported, below
@@ -88,15 +89,15 @@ def measure(frames: Sequence[Frame], config: Config, *, rounds: int) -> Figures:
         for frame in frames:
             reference = _reference_ms(frame)
             detector = Detector(config, frame.camera)
-            found = detector.detect(frame.left, frame.right, disparity=frame.disparity, depth_m=frame.depth_m)
+            found = detector.detect_frame(frame)
             if repetition:
                 reference_ms.append(reference)
                 times.append(found.times)
     names = [field.name.removesuffix("_ms") for field in dataclasses.fields(StageTimes)]
     table = np.array([dataclasses.astuple(row) for row in times])
     return Figures(
-        width=frames[0].left.shape[1],
-        height=frames[0].left.shape[0],
+        width=frames[0].shape[1],
+        height=frames[0].shape[0],
         n_frames=len(times),
         median_ms=dict(zip(names, np.median(table, axis=0).round(3).tolist(), strict=True)),
         reference_ms=round(float(np.median(reference_ms)), 3),
@@ -112,15 +113,16 @@ def _reference_ms(frame: Frame) -> float:
 
     import cv2
 
-    from lrtrav_ros.method.features import to_gray
+    from lrtrav_ros.frame import as_8bit
+    from lrtrav_ros.method.features import to_grey
 
     block = 5
     matcher = cv2.StereoSGBM_create(
         minDisparity=0, numDisparities=64, blockSize=block, P1=8 * block**2, P2=32 * block**2, disp12MaxDiff=1,
         uniquenessRatio=10, speckleWindowSize=100, speckleRange=2, mode=cv2.STEREO_SGBM_MODE_SGBM,
     )  # fmt: skip
-    left = to_gray(frame.left)
-    right = left if frame.right is None else to_gray(frame.right)
+    left = to_grey(frame.image)
+    right = left if frame.right is None else to_grey(as_8bit(frame.right))
     start = time.perf_counter()
     matcher.compute(left, right)
     return (time.perf_counter() - start) * 1e3
@@ -130,11 +132,12 @@ def _frames(args: argparse.Namespace, config: Config) -> list[Frame]:
     from itertools import islice
 
     if args.input is not None:
-        from lrtrav_ros.io.recording import open_sequence
+        from lrtrav_ros.io.recording import open_recording
 
-        with open_sequence(args.input, config.source) as sequence:
-            return list(islice(sequence.frames(), args.frames))
-    from lrtrav_ros.synthetic.scenes import STYLES, SceneConfig, render_sequence
+        with open_recording(args.input, config.source) as recording:
+            return list(islice(recording.frames(), args.frames))
+    from lrtrav_ros.synthetic.rendering import render_sequence
+    from lrtrav_ros.synthetic.scene_config import STYLES, SceneConfig
 
     width, height = args.size
     scenes = [

@@ -13,12 +13,14 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from lrtrav_ros.commands.usage_error import UsageError
+
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from lrtrav_ros.nodes.image_collector import Collector
-    from lrtrav_ros.synthetic.scenes import SyntheticFrame
+    from lrtrav_ros.nodes.image_collector import ImageCollector
+    from lrtrav_ros.synthetic.rendering import SyntheticFrame
 
 _TOPICS = (
     "short_range/occupancy",
@@ -32,6 +34,7 @@ _TRUSTED_M = 10.0  # as far as a small stereo camera sees; what lies beyond is f
 _QUIET = ("--log-level", "error")  # the nodes would say that no images come while these are rendered
 _START_S = 90.0  # kernels are compiled at the first start
 _END_S = 10.0
+_VIDEO_RATE_HZ = 10.0
 _SILENCE_S = 2.0  # after which no more masks come, once the replay has ended
 
 
@@ -52,13 +55,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Run the demonstration; it fails where no mask came back."""
     from lrtrav_ros.io.result_folder import output_folder
-    from lrtrav_ros.synthetic.scenes import SceneConfig
+    from lrtrav_ros.synthetic.scene_config import SceneConfig
 
-    scene = SceneConfig(style=args.style, seed=args.seed, n_frames=args.frames, pitch_deg=5.0)
+    if not args.rate > 0:
+        raise UsageError(f"--rate is {args.rate:g}; give a number above 0")
+    try:
+        scene = SceneConfig(style=args.style, seed=args.seed, n_frames=args.frames, pitch_deg=5.0)
+    except ValueError as err:
+        raise UsageError(str(err)) from err
     with output_folder(args.output, overwrite=args.overwrite) as path:
         path.mkdir(parents=True, exist_ok=True)
-        parameters = ["-p", f"source.max_depth_m:={_TRUSTED_M}", "-p", "stereo.n_disparities:=64", *_QUIET]
-        with _process("detector", "--ros-args", "-r", f"__ns:={_namespace()}", *parameters) as detector:
+        with _process("detector", "--ros-args", "-r", f"__ns:={_namespace()}", *_parameters()) as detector:
             frames = _render(scene, path / "bag")
             results = _replay(path / "bag", detector, n_frames=len(frames), rate=args.rate)
         scored = [frame for frame in frames if len(results.get(_stamp(frame), {})) == len(_TOPICS)]
@@ -74,6 +81,14 @@ def run(args: argparse.Namespace) -> int:
 def _namespace() -> str:
     """A namespace of this process's own: a detector that runs on the same machine is left alone."""
     return f"/lrtrav_demo_{os.getpid()}"
+
+
+def _parameters() -> Iterator[str]:
+    """Yield the detector's parameters as ROS arguments."""
+    yield from (*_QUIET, "-p", f"source.max_depth_m:={_TRUSTED_M}", "-p", "stereo.n_disparities:=64")
+    for side in ("left", "right"):
+        # Best effort, which suits a camera, would lose frames where shared memory is small.
+        yield from ("-p", f"qos_overrides.{_namespace()}/{side}/image_rect.subscription.reliability:=reliable")
 
 
 @contextmanager
@@ -98,8 +113,8 @@ def _process(*arguments: str) -> Iterator[subprocess.Popen[bytes]]:
 def _render(scene: Any, bag: Path) -> list[SyntheticFrame]:
     from tqdm import tqdm
 
-    from lrtrav_ros.io.bag_frames import write_stereo_bag
-    from lrtrav_ros.synthetic.scenes import render_sequence
+    from lrtrav_ros.io.bag_writer import write_stereo_bag
+    from lrtrav_ros.synthetic.rendering import render_sequence
 
     frames = list(tqdm(render_sequence(scene), total=scene.n_frames, desc="render", unit="frame", disable=None))
     write_stereo_bag(bag, (frame.frame for frame in frames))
@@ -113,9 +128,9 @@ def _replay(
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     from tqdm import tqdm
 
-    from lrtrav_ros.nodes.image_collector import Collector
+    from lrtrav_ros.nodes.image_collector import ImageCollector
 
-    with Collector(_TOPICS, namespace=_namespace()) as collector:
+    with ImageCollector(_TOPICS, namespace=_namespace()) as collector:
         print("waiting for the detector; its first start compiles kernels")
         if not collector.spin_until(
             lambda: collector.publishers_are_there() or detector.poll() is not None, timeout_s=_START_S
@@ -137,7 +152,7 @@ def _replay(
         return dict(collector.images)
 
 
-def _more_than(collector: Collector, n: int) -> bool:
+def _more_than(collector: ImageCollector, n: int) -> bool:
     return collector.n_complete() > n
 
 
@@ -148,25 +163,19 @@ def _stamp(frame: SyntheticFrame) -> int:
 
 def _write(path: Path, frames: Sequence[SyntheticFrame], results: dict[int, dict[str, NDArray[Any]]]) -> None:
     """Write masks, pictures and the video."""
-    import cv2
     from tqdm import tqdm
 
-    from lrtrav_ros.io.encodings import write_image
+    from lrtrav_ros.io.image_files import write_image
     from lrtrav_ros.io.pictures import stages_picture
 
-    height, width = frames[0].truth.shape
-    video = cv2.VideoWriter(str(path / "overlay.mp4"), cv2.VideoWriter.fourcc(*"mp4v"), 10.0, (2 * width, height))
     for frame in tqdm(frames, desc="write", unit="frame", disable=None):
-        images = results[_stamp(frame)]
         for mask in ("short_range", "long_range"):
-            (path / mask).mkdir(exist_ok=True)
-            write_image(path / mask / f"{frame.frame.name}.png", images[f"{mask}/mask"])
-        video.write(_side_by_side(frame, images))
-    video.release()
+            write_image(path / mask / f"{frame.frame.name}.png", results[_stamp(frame)][f"{mask}/mask"])
+    _write_video(path / "overlay.mp4", [_side_by_side(frame, results[_stamp(frame)]) for frame in frames])
     middle = frames[len(frames) // 2]
     images = results[_stamp(middle)]
     picture = stages_picture(
-        middle.frame.left,
+        middle.frame.image,
         short_range=images["short_range/occupancy"],
         superpixels=images["long_range/superpixels"],
         clusters=images["long_range/clusters"],
@@ -176,13 +185,28 @@ def _write(path: Path, frames: Sequence[SyntheticFrame], results: dict[int, dict
     write_image(path / "stages.jpg", picture)
 
 
+def _write_video(path: Path, pictures: Sequence[NDArray[np.uint8]]) -> None:
+    """Write a video of pictures of one size; raises OSError where OpenCV cannot."""
+    import cv2
+
+    height, width = pictures[0].shape[:2]
+    video = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"mp4v"), _VIDEO_RATE_HZ, (width, height))
+    try:
+        if not video.isOpened():
+            raise OSError(f"{path}: cannot be written as a video; OpenCV has no MPEG-4 encoder or the folder is closed")
+        for picture in pictures:
+            video.write(picture)
+    finally:
+        video.release()
+
+
 def _side_by_side(frame: SyntheticFrame, images: dict[str, NDArray[Any]]) -> NDArray[np.uint8]:
     import numpy as np
 
     from lrtrav_ros.io.pictures import colour_image, overlay
 
-    drawn = overlay(frame.frame.left, images["short_range/occupancy"], images["long_range/occupancy"])
-    return np.hstack([colour_image(frame.frame.left), drawn])
+    drawn = overlay(frame.frame.image, images["short_range/occupancy"], images["long_range/occupancy"])
+    return np.hstack([colour_image(frame.frame.image), drawn])
 
 
 def _table(frames: Sequence[SyntheticFrame], n_sent: int, results: dict[int, dict[str, NDArray[Any]]]) -> list[str]:

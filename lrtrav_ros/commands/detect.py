@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from lrtrav_ros.commands.options import add_detection_options, add_parallel_options, config_from
+from lrtrav_ros.commands.usage_error import UsageError
 
 if TYPE_CHECKING:
     from lrtrav_ros.offline.detection import Outcome
@@ -41,12 +42,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Detect in all frames; frames that cannot be used are skipped, counted and reported."""
     config = config_from(args)
+    extras = _extras(args.save)
 
-    from lrtrav_ros.io.result_folder import EXTRAS, checked_extras, output_folder
+    from lrtrav_ros.io.result_folder import output_folder
     from lrtrav_ros.offline.detection import detect_recording
 
-    wanted = EXTRAS if args.save == "all" else filter(None, map(str.strip, args.save.split(",")))
-    extras = checked_extras(list(wanted))
     names = output_names(args.inputs)
     _check_inputs(args.inputs, args.output)
     failures = []
@@ -66,8 +66,18 @@ def run(args: argparse.Namespace) -> int:
     return 1 if failures else 0
 
 
+def _extras(text: str) -> tuple[str, ...]:
+    """Return what is named to be saved besides."""
+    from lrtrav_ros.io.result_folder import EXTRAS, checked_extras
+
+    try:
+        return tuple(EXTRAS) if text == "all" else checked_extras(list(filter(None, map(str.strip, text.split(",")))))
+    except ValueError as err:
+        raise UsageError(f"--save {text}: {err}") from err
+
+
 def _check_inputs(inputs: Sequence[Path], output: Path) -> None:
-    """Raise what is wrong with the inputs that can be told before the work begins."""
+    """Raise OSError or ValueError where an input cannot be worked on, before the work begins."""
     for path in inputs:
         if not path.exists():
             raise FileNotFoundError(f"{path}: there is no such folder or file")

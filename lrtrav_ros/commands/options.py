@@ -3,27 +3,30 @@
 from __future__ import annotations
 
 import argparse
+import sys
+import textwrap
+from collections.abc import Mapping
 from pathlib import Path
 
-from lrtrav_ros.config import (
-    PRESETS,
-    Config,
-    find_parameter,
-    load_parameters,
-    parameters,
-)
+from lrtrav_ros.commands.usage_error import UsageError
+from lrtrav_ros.config import PRESETS, Config, Value, find_parameter, parameters
+from lrtrav_ros.io.parameter_file import ParameterFile, read_parameter_file
 
 
 def add_detection_options(parser: argparse.ArgumentParser) -> None:
     """Add ``--preset``, ``--params`` and ``--set``, and say in the epilog what can be set."""
-    parser.add_argument("--preset", choices=PRESETS, default=PRESETS[0], help="settings to start from (%(default)s)")
+    parser.add_argument(
+        "--preset",
+        choices=PRESETS,
+        help=f"settings to start from (the preset that --params names, else {PRESETS[0]})",
+    )
     add_setting_options(parser)
 
 
 def add_setting_options(parser: argparse.ArgumentParser) -> None:
     """Add ``--params`` and ``--set``, and say in the epilog what can be set."""
     parser.add_argument(
-        "--params", type=Path, metavar="FILE", help="YAML file of parameters, the same as for the nodes"
+        "--params", type=Path, metavar="FILE", help="ROS 2 parameter file, the same as for the nodes (--params-file)"
     )
     parser.add_argument(
         "--set",
@@ -57,30 +60,70 @@ def _jobs(text: str) -> int:
     return int(text)
 
 
-def config_from(args: argparse.Namespace) -> Config:
+def config_from(args: argparse.Namespace, *, defaults: Mapping[str, Value] | None = None) -> Config:
     """Return the configuration that the options of `add_detection_options` give.
+
+    Parameters
+    ----------
+    args : argparse.Namespace
+        The options.
+    defaults : mapping of str to value, optional
+        Parameters by full name that take the place of the preset's, where neither file nor ``--set`` gives them.
 
     Raises
     ------
-    FileNotFoundError, ValueError
+    UsageError
         If the file cannot be read, a parameter is unknown or a value does not fit.
     """
-    return Config.preset(args.preset).updated(settings_from(args))
+    file = _parameter_file(args)
+    missing = {name: value for name, value in (defaults or {}).items() if name not in file.values}
+    return file.config(args.preset or "").updated(missing).updated(_set_values(args))
 
 
 def settings_from(args: argparse.Namespace) -> dict[str, object]:
-    """Return the parameters that the options of `add_setting_options` give, by full name; raises as `config_from`."""
-    values = {} if args.params is None else load_parameters(args.params)
-    for setting in args.settings:
-        name, equals, text = setting.partition("=")
+    """Return the parameters that the options of `add_setting_options` give, by full name.
+
+    The file's preset is not among them: who has no ``--preset`` has presets of its own.
+
+    Raises
+    ------
+    UsageError
+        As `config_from` does.
+    """
+    return {**_parameter_file(args).values, **_set_values(args)}
+
+
+def _parameter_file(args: argparse.Namespace) -> ParameterFile:
+    """Read the file of ``--params``; names in it that are meant for nodes of others are reported."""
+    if args.params is None:
+        return ParameterFile()
+    try:
+        file = read_parameter_file(args.params)
+    except (OSError, ValueError) as err:
+        raise UsageError(f"--params: {err}") from err
+    if file.foreign:
+        print(f"--params: {args.params}: not for this package, ignored: {', '.join(file.foreign)}", file=sys.stderr)
+    return file
+
+
+def _set_values(args: argparse.Namespace) -> dict[str, Value]:
+    """Return the parameters of ``--set``."""
+    values = {}
+    for assignment in args.settings:
+        name, equals, text = assignment.partition("=")
         if not equals:
-            raise ValueError(f"--set {setting}: write STAGE.FIELD=VALUE, such as stereo.matcher=bm")
-        values[name.strip()] = find_parameter(name.strip()).parse(text.strip())
+            raise UsageError(f"--set {assignment}: write STAGE.FIELD=VALUE, such as stereo.matcher=bm")
+        try:
+            values[name.strip()] = find_parameter(name.strip()).parse(text.strip())
+        except ValueError as err:
+            raise UsageError(f"--set {assignment}: {err}") from err
     return values
 
 
 def _described() -> list[str]:
-    return [
-        f"  {parameter.name}={parameter.default}  {parameter.range_text}\n      {parameter.description}"
-        for parameter in parameters()
-    ]
+    """Return the lines that say of each parameter what it is and may be."""
+    lines = []
+    for parameter in parameters():
+        lines.append(f"  {parameter.name}={parameter.default}  {parameter.range_text}")
+        lines += textwrap.wrap(parameter.description, 112, initial_indent=" " * 6, subsequent_indent=" " * 6)
+    return lines

@@ -1,13 +1,16 @@
-"""``replay``: publishes the stereo topics of a rosbag, of ROS 1 or ROS 2, in the bag's own timing."""
+"""Publishes the stereo topics of a rosbag, of ROS 1 or ROS 2, in the bag's own timing."""
 
 from __future__ import annotations
 
 import argparse
 from pathlib import Path
+from typing import TYPE_CHECKING
 
+from lrtrav_ros.commands.usage_error import UsageError
 from lrtrav_ros.io.topics import PARTNER
 
-PASSES_ROS_ARGS = True
+if TYPE_CHECKING:
+    from lrtrav_ros.nodes.bag_player import ReplayOptions
 
 DESCRIPTION = """\
 Publishes the stereo topics of a rosbag (ROS 1 or ROS 2), in the bag's own timing, under the names that the detector
@@ -44,21 +47,30 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Publish the bag; return the exit status."""
-    from lrtrav_ros.nodes.bag_player import ReplayOptions, replay
+    from lrtrav_ros.nodes.bag_player import replay
 
-    options = ReplayOptions(
-        source=args.source,
-        rate=args.rate,
-        loop=args.loop,
-        start_s=args.start,
-        duration_s=args.duration,
-        remap=dict(_remap(text) for text in args.remap),
-        all_topics=args.all,
-        clock=args.clock,
-        wait=not args.no_wait,
-    )
-    replay(args.bag, options, ros_args=args.ros_args)
+    replay(args.bag, _options(args), ros_args=args.ros_args)
     return 0
+
+
+def _options(args: argparse.Namespace) -> ReplayOptions:
+    """Return what the arguments ask for."""
+    from lrtrav_ros.nodes.bag_player import ReplayOptions
+
+    try:
+        return ReplayOptions(
+            source=args.source,
+            rate=args.rate,
+            loop=args.loop,
+            start_s=args.start,
+            duration_s=args.duration,
+            remap=dict(_remap(text) for text in args.remap),
+            all_topics=args.all,
+            clock=args.clock,
+            wait=not args.no_wait,
+        )
+    except ValueError as err:
+        raise UsageError(str(err)) from err
 
 
 def _remap(text: str) -> tuple[str, str]:

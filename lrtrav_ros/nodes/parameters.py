@@ -11,86 +11,92 @@ from rclpy.exceptions import ParameterException
 from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 
-from lrtrav_ros import config
+from lrtrav_ros.config import PRESETS, Config, Parameter, Value, foreign_names, parameters
 
 _INT64_MAX = 2**63 - 1
-_NOT_OURS = ("qos_overrides.", "use_sim_time", "start_type_description_service", "preset")
 
 
 class Settings:
     """Declares parameters on a node and keeps `config` up to date.
 
     A change is checked as a whole and then takes effect at once: who reads `config` sees all of a batch or nothing.
+    Values given at the start for parameters that only nodes of others have are warned of: sections for all nodes of a
+    robot have such.
 
     Parameters
     ----------
-    node
+    node : rclpy.node.Node
         Where the parameters are declared.
-    stages
-        Which of them: the first part of their names, such as ``stereo``.
+    stages : collection of str
+        Which of them: `config.SHORT_RANGE_STAGES` or `config.LONG_RANGE_STAGES`.
+
+    Attributes
+    ----------
+    config : Config
+        The configuration; a new one after each change.
 
     Raises
     ------
     ValueError
-        If a value that the node was started with does not fit.
+        If a value that the node was started with does not fit, or is for a misspelt parameter.
     """
 
     def __init__(self, node: Node, stages: Collection[str]) -> None:
         self._node = node
         self._refusal = ""
-        self.config = config.Config.preset(self._declared_preset())
-        self._names = {known.name for known in config.parameters() if known.name.partition(".")[0] in stages}
+        self._warn_of_foreign_names()
+        self.config = Config.preset(self._declared_preset())
+        own = [parameter for parameter in parameters() if parameter.stage in stages]
+        self._own_names = {parameter.name for parameter in own}
         node.add_on_set_parameters_callback(self._validate)
         node.add_post_set_parameters_callback(self._apply)
         defaults = self.config.values()
-        for known in config.parameters():
-            if known.name in self._names:
-                self._declare(known.name, defaults[known.name], _descriptor(known))
-        self._warn_of_unknown()
+        for parameter in own:
+            self._declare(parameter.name, defaults[parameter.name], _descriptor(parameter))
 
     @property
     def stamp_tolerance_ns(self) -> int:
         """``source.max_stamp_difference_s`` in nanoseconds."""
         return round(self.config.source.max_stamp_difference_s * 1e9)
 
-    def _declared_preset(self) -> str:
-        text = f"the defaults of all other parameters: {' or '.join(config.PRESETS)}"
-        descriptor = ParameterDescriptor(description=text, read_only=True)
-        return str(self._declare("preset", config.PRESETS[0], descriptor))
+    def _warn_of_foreign_names(self) -> None:
+        """Warn of values given at the start for nodes of others; raises ValueError where a name is misspelt."""
+        foreign = foreign_names(getattr(self._node, "_parameter_overrides", {}))
+        if foreign:
+            self._node.get_logger().warning(f"ignored, this package has no such parameters: {', '.join(foreign)}")
 
-    def _declare(self, name: str, default: config.Value, descriptor: ParameterDescriptor) -> Any:
+    def _declared_preset(self) -> str:
+        """Declare the parameter ``preset`` and return its value."""
+        text = f"the defaults of all other parameters: {' or '.join(PRESETS)}"
+        descriptor = ParameterDescriptor(description=text, read_only=True)
+        return str(self._declare("preset", PRESETS[0], descriptor))
+
+    def _declare(self, name: str, default: Value, descriptor: ParameterDescriptor) -> Any:
+        """Declare a parameter and return its value; raises ValueError where the value given at the start is refused."""
         try:
             return self._node.declare_parameter(name, default, descriptor).value
         except ParameterException as err:
             raise ValueError(self._refusal or str(err)) from err
 
-    def _changed(self, parameters: list[RosParameter]) -> config.Config:
-        """Return the configuration with the changes of `parameters`; raises ValueError where one does not fit."""
-        return self.config.updated({item.name: item.value for item in parameters if item.name in self._names})
+    def _with_changes(self, changes: list[RosParameter]) -> Config:
+        """Return the configuration with the changes of parameters; raises ValueError where one does not fit."""
+        return self.config.updated({item.name: item.value for item in changes if item.name in self._own_names})
 
-    def _validate(self, parameters: list[RosParameter]) -> SetParametersResult:
+    def _validate(self, changes: list[RosParameter]) -> SetParametersResult:
+        """Accept or refuse changes, all together."""
         try:
-            self._changed(parameters)
+            self._with_changes(changes)
         except ValueError as err:
             self._refusal = str(err)
             return SetParametersResult(successful=False, reason=self._refusal)
         return SetParametersResult(successful=True)
 
-    def _apply(self, parameters: list[RosParameter]) -> None:
-        self.config = self._changed(parameters)
-
-    def _warn_of_unknown(self) -> None:
-        """Warn of values given at the start that no parameter takes: most likely a name is misspelt."""
-        for name in getattr(self._node, "_parameter_overrides", {}):
-            if name.startswith(_NOT_OURS):
-                continue
-            try:
-                config.find_parameter(name)
-            except ValueError as err:
-                self._node.get_logger().warning(f"a value is given for an unknown parameter: {err}")
+    def _apply(self, changes: list[RosParameter]) -> None:
+        """Take over changes that `_validate` accepted."""
+        self.config = self._with_changes(changes)
 
 
-def _descriptor(parameter: config.Parameter) -> ParameterDescriptor:
+def _descriptor(parameter: Parameter) -> ParameterDescriptor:
     """Return what ROS tools show of a parameter and hold it to."""
     unit = f" [{parameter.unit}]" if parameter.unit else ""
     descriptor = ParameterDescriptor(

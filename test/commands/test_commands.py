@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import importlib.metadata
 import json
 import subprocess
 import sys
@@ -10,18 +11,12 @@ from pathlib import Path
 
 import pytest
 
-from lrtrav_ros.commands import (
-    COMMANDS,
-    detect,
-    evaluate,
-    generate,
-    run,
-    run_lrtrav,
-)
-from lrtrav_ros.commands.options import add_detection_options, config_from
+from lrtrav_ros.commands import COMMANDS, detect, evaluate, generate, run, run_lrtrav
+from lrtrav_ros.commands.options import add_detection_options, config_from, settings_from
+from lrtrav_ros.commands.usage_error import UsageError
 from lrtrav_ros.config import Config, parameters
 from lrtrav_ros.evaluation.scoring.methods import METHODS
-from lrtrav_ros.io.bag_frames import FORMATS
+from lrtrav_ros.io.bag_writer import FORMATS
 from lrtrav_ros.io.result_folder import EXTRAS
 
 
@@ -91,6 +86,42 @@ def test_failure_is_one_line_on_standard_error_and_exits_with_1(
     assert printed.err.count("\n") == 1
 
 
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["detect", "x", "--output", "y", "--set", "threads"], "--set threads: write STAGE.FIELD=VALUE"),
+        (["detect", "x", "--output", "y", "--set", "k=1"], "no parameter 'k'; did you mean clustering.k?"),
+        (["detect", "x", "--output", "y", "--set", "clustering.k=many"], "clustering.k is 'many'; give int"),
+        (["detect", "x", "--output", "y", "--save", "normals"], "--save normals: cannot save 'normals'; choose out of"),
+        (["detect", "x", "--output", "y", "--params", "none.yaml"], "No such file or directory: 'none.yaml'"),
+        (["detect", "x", "--output", "y", "--params", "PARAMS"], "PARAMS: no parameter 'stereo.mathcer'; did you mean"),
+        (["evaluate", "x", "--output", "y", "--params", "PARAMS"], "PARAMS: no parameter 'stereo.mathcer'"),
+        (["benchmark", "--set", "clustering.k=-1"], "clustering.k is -1; give 0 to 1000"),
+        (["replay", "x", "--rate", "0"], "rate is 0; give a number above 0"),
+        (["replay", "x", "--remap", "/left"], "--remap /left: write FROM:=TO"),
+    ],
+)
+def test_wrong_values_exit_with_2_and_one_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], message: str
+) -> None:
+    if arguments[0] == "replay":
+        pytest.importorskip("rclpy")
+    params = tmp_path / "params.yaml"
+    params.write_text("/**: {ros__parameters: {stereo.mathcer: bm}}")
+    assert run_lrtrav([text.replace("PARAMS", str(params)) for text in arguments]) == 2
+    printed = capsys.readouterr()
+    assert printed.err.startswith(f"lrtrav {arguments[0]}: ")
+    assert message.replace("PARAMS", str(params)) in printed.err
+    assert (printed.out, printed.err.count("\n")) == ("", 1)
+
+
+def test_version(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as ended:
+        run_lrtrav(["--version"])
+    assert ended.value.code == 0
+    assert capsys.readouterr().out == f"lrtrav {importlib.metadata.version('lrtrav_ros')}\n"
+
+
 def test_package_runs_as_a_module() -> None:
     done = subprocess.run([sys.executable, "-m", "lrtrav_ros", "--help"], capture_output=True, text=True, check=True)
     assert done.stdout.startswith("usage: lrtrav")
@@ -103,6 +134,25 @@ def test_options_start_from_the_preset_and_set_wins_over_params(tmp_path: Path) 
     assert config == Config.preset("paper").updated({"stereo.matcher": "bm", "threads": 3})
 
 
+def test_a_preset_in_the_file_counts_unless_another_is_asked_for(tmp_path: Path) -> None:
+    params = tmp_path / "params.yaml"
+    params.write_text("/**: {ros__parameters: {preset: paper, threads: 2}}")
+    assert config_from(parsed()) == Config()
+    assert config_from(parsed("--params", str(params))) == Config.preset("paper").updated({"threads": 2})
+    assert config_from(parsed("--preset", "robust", "--params", str(params))) == Config().updated({"threads": 2})
+    assert settings_from(parsed("--params", str(params), "--set", "clustering.k=3")) == {
+        "threads": 2,
+        "clustering.k": 3,
+    }
+
+
+def test_names_for_nodes_of_others_are_reported_and_ignored(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    params = tmp_path / "params.yaml"
+    params.write_text("/**: {ros__parameters: {robot_radius: 0.3, threads: 2, map: m}}")
+    assert config_from(parsed("--params", str(params))) == Config().updated({"threads": 2})
+    assert capsys.readouterr().err == f"--params: {params}: not for this package, ignored: robot_radius, map\n"
+
+
 @pytest.mark.parametrize(
     ("setting", "message"),
     [
@@ -112,7 +162,7 @@ def test_options_start_from_the_preset_and_set_wins_over_params(tmp_path: Path) 
     ],
 )
 def test_bad_settings(setting: str, message: str) -> None:
-    with pytest.raises(ValueError, match=message):
+    with pytest.raises(UsageError, match=message):
         config_from(parsed("--set", setting))
 
 
@@ -133,7 +183,7 @@ def test_benchmark_prints_every_stage_and_writes_json(tmp_path: Path, capsys: py
 
 @pytest.mark.parametrize("option", ["--frames", "--rounds"])
 def test_benchmark_of_nothing_is_refused(option: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert run("benchmark", [option, "0"]) == 1
+    assert run("benchmark", [option, "0"]) == 2
     assert "give numbers of at least 1" in capsys.readouterr().err
 
 

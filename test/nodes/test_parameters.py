@@ -1,6 +1,7 @@
 """Parameters of a node: declared from the configuration, changed as a whole, refused with a reason."""
 
 import itertools
+import sys
 
 import pytest
 
@@ -8,8 +9,10 @@ pytest.importorskip("rclpy")
 
 from rclpy.node import Node
 from rclpy.parameter import Parameter
+from ros_graph import process_starter
 
-from lrtrav_ros.config import Config, parameters
+from lrtrav_ros.config import LONG_RANGE_STAGES, SHORT_RANGE_STAGES, Config, parameters
+from lrtrav_ros.io.parameter_file import read_parameter_file
 from lrtrav_ros.nodes.parameters import Settings
 
 STAGES = ("threads", "source", "stereo", "superpixels", "clustering", "extension")
@@ -38,7 +41,7 @@ def set_all(node, **values):
 
 def test_all_parameters_of_the_stages_are_declared_with_default_and_description(make):
     node, settings = make()
-    expected = {known.name: known for known in parameters() if known.name.partition(".")[0] in STAGES}
+    expected = {known.name: known for known in parameters() if known.stage in STAGES}
     assert settings.config == Config()
     assert not node.has_parameter("elas.beta")
     for name, known in expected.items():
@@ -82,9 +85,84 @@ def test_a_bad_value_at_the_start_is_named(make, overrides, reason):
         make(**overrides)
 
 
-def test_a_misspelt_name_at_the_start_is_warned_of(make, capfd):
-    make(stereo__matchr="bm")
-    assert "no parameter 'stereo.matchr'; did you mean stereo.matcher" in capfd.readouterr().err
+@pytest.mark.parametrize(
+    ("name", "reason"),
+    [
+        ("stereo.matchr", "no parameter 'stereo.matchr'; did you mean stereo.matcher?"),
+        ("stereo.frame_id", "no parameter 'stereo.frame_id'"),
+        ("thread", "no parameter 'thread'; did you mean threads?"),
+    ],
+)
+def test_a_misspelt_name_at_the_start_is_refused(make, name, reason):
+    with pytest.raises(ValueError, match="no parameter") as refused:
+        make(**{name: "bm"})
+    assert str(refused.value).startswith(reason)
+
+
+def test_names_for_nodes_of_others_are_warned_of_once_and_the_node_runs(make, capfd):
+    _, settings = make(robot_radius=0.3, threads=3, use_sim_time=False, map="m")
+    assert settings.config.threads == 3
+    warnings = [line for line in capfd.readouterr().err.splitlines() if "[WARN]" in line]
+    assert len(warnings) == 1
+    assert warnings[0].endswith("ignored, this package has no such parameters: robot_radius, map")
+
+
+SECTIONS = """
+/**:
+  ros__parameters:
+    use_sim_time: false
+    start_type_description_service: true
+    robot_radius: 0.3
+    ground.max_step_m: 0.2
+    clustering.k: 4
+/**/short_range:
+  ros__parameters: {stereo: {matcher: bm, n_disparities: 32}, elas.beta: 2e-3}
+/*/long_range:
+  ros__parameters: {clustering.k: 5, superpixels.compactness: 15, preset: paper, qos_overrides: {/tf: {depth: 1}}}
+camera_driver:
+  ros__parameters: {fps: 30}
+front:
+  short_range:
+    ros__parameters: {stereo.n_disparities: 64, ground: {shape: line}, source: depth}
+"""
+OVERRULED = """
+front/short_range:
+  ros__parameters: {threads: 2, stereo.matcher: bm}
+/front/**:
+  ros__parameters: {threads: 3, preset: paper}
+/front/long_range:
+  ros__parameters: {features.cues: colour}
+"""
+
+
+@pytest.mark.parametrize("text", [SECTIONS, OVERRULED])
+@pytest.mark.parametrize(("name", "stages"), [("short_range", SHORT_RANGE_STAGES), ("long_range", LONG_RANGE_STAGES)])
+def test_a_file_gives_a_node_what_it_gives_offline(ros, tmp_path, text, name, stages):
+    path = tmp_path / "params.yaml"
+    path.write_text(text, encoding="utf-8")
+    arguments = ["--ros-args", "--params-file", str(path)]
+    node = Node(name, namespace="front", cli_args=arguments, use_global_arguments=False, enable_rosout=False)
+    online, offline = Settings(node, stages).config.values(), read_parameter_file(path).config().values()
+    node.destroy_node()
+    own = [known.name for known in parameters() if known.stage in stages]
+    if name == "long_range":  # offline, the short-range node's source counts
+        own = [known for known in own if known.partition(".")[0] != "source"]
+    assert {known: online[known] for known in own} == {known: offline[known] for known in own}
+    assert offline != Config().values()
+
+
+def test_a_file_with_a_misspelt_name_ends_the_executable_with_status_2(tmp_path):
+    path = tmp_path / "params.yaml"
+    path.write_text("/**/short_range: {ros__parameters: {stereo.mathcer: bm}}", encoding="utf-8")
+    with process_starter() as start:
+        process = start(
+            *(sys.executable, "-m", "lrtrav_ros", "detector", "--ros-args", "--params-file", str(path)),
+            *("-r", "__ns:=/parameters"),
+        )
+        _, errors = process.communicate(timeout=60)
+    assert process.returncode == 2
+    assert errors.splitlines()[-1].endswith("no parameter 'stereo.mathcer'; did you mean stereo.matcher?")
+    assert "Traceback" not in errors
 
 
 def test_a_change_takes_effect_and_makes_a_new_configuration(make):

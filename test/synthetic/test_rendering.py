@@ -1,20 +1,14 @@
-"""Synthetic scenes: that their truth is exact, that the images agree with it, and that a seed makes all of it."""
+"""Synthetic sequences: that their truth is exact, that the images agree with it, and that a seed makes all of it."""
 
-import argparse
 import dataclasses
-import json
 import math
-from concurrent.futures import ThreadPoolExecutor
 
 import cv2
 import numpy as np
 import pytest
 
-from lrtrav_ros.commands import generate, run
-from lrtrav_ros.io.bag_frames import StereoBag
-from lrtrav_ros.io.dataset_folder import FolderDataset
-from lrtrav_ros.synthetic import raycasting
-from lrtrav_ros.synthetic.scenes import STYLES, SceneConfig, make_scene, render_sequence
+from lrtrav_ros.synthetic.rendering import render_sequence
+from lrtrav_ros.synthetic.scene_config import STYLES, SceneConfig
 
 SMALL = SceneConfig(seed=5, width=160, height=120, n_frames=2, n_obstacles=60)
 LEVEL = dataclasses.replace(SMALL, undulation_m=0.0, sway_deg=0.0, n_frames=1)
@@ -62,11 +56,6 @@ def test_frames_have_the_asked_size_types_and_times():
         assert item.frame.camera == SMALL.camera
 
 
-def test_field_of_view_gives_the_focal_length():
-    camera = SceneConfig(width=200, height=90, hfov_deg=90).camera
-    assert (camera.fx, camera.cx, camera.cy) == pytest.approx((100, 99.5, 44.5))
-
-
 def test_flat_ground_is_a_line_in_v_disparity():
     config = dataclasses.replace(LEVEL, n_obstacles=0, pitch_deg=10.0)
     disparity = first_frame(config).disparity
@@ -97,29 +86,6 @@ def test_truth_is_the_ground_without_what_stands_on_it():
     assert (item.truth[decided] == np.where(ground, 255, 0)[decided]).mean() > 0.9999
     grown = cv2.dilate(ground.astype(np.uint8), np.ones((3, 3))) != cv2.erode(ground.astype(np.uint8), np.ones((3, 3)))
     assert (grown == ~decided).mean() > 0.999
-
-
-def test_rays_end_at_the_first_point_of_a_wavy_ground():
-    config = dataclasses.replace(SMALL, undulation_m=0.5, n_obstacles=0)
-    scene = make_scene(config)
-    height = raycasting.ground_height(scene.waves, 0.0, 0.0) + 0.8
-    rotation = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])
-    view = raycasting.View(np.array([0, 0, height]), rotation, 120.0, 39.5, 29.5, 80, 60)
-    with ThreadPoolExecutor(1) as executor:
-        picture, futures = raycasting.cast(scene, view, executor, 1)
-        for future in futures:
-            future.result()
-    shares = np.linspace(0.02, 0.999, 400)
-    n_ground = 0
-    for v, u in np.argwhere(picture.depth_m > 0)[::7]:
-        ray = rotation @ ((u - 39.5) / 120, (v - 29.5) / 120, 1)
-        points = view.origin + np.append(shares, 1.0)[:, None] * picture.depth_m[v, u] * ray
-        clear = points[:, 2] - [raycasting.ground_height(scene.waves, x, y) for x, y, _ in points]
-        if picture.depth_m[v, u] < 300:
-            n_ground += 1
-            assert abs(clear[-1]) < 1e-5
-            assert clear[:-1].min() > 0
-    assert n_ground > 100
 
 
 @pytest.mark.parametrize("style", STYLES)
@@ -174,96 +140,6 @@ def test_shadows_only_darken():
     assert 0.005 < (with_shadows < without - 20).mean() < 0.5
 
 
-def test_seeds_choose_every_style():
-    ground = {make_scene(SceneConfig(seed=seed, n_obstacles=0)).materials[0, 6] for seed in range(16)}
-    assert len(ground) == 3  # forest and field both have a path of dirt
-
-
-@pytest.mark.parametrize(
-    ("field", "value"),
-    [
-        ("style", "desert"),
-        ("n_frames", 0),
-        ("width", 3),
-        ("height", 480.0),
-        ("hfov_deg", 180.0),
-        ("baseline_m", 0.0),
-        ("camera_height_m", -1.0),
-        ("noise", float("nan")),
-        ("undulation_m", True),
-        ("seed", -1),
-    ],
-)
-def test_bad_settings_are_refused_by_name_and_value(field, value):
-    with pytest.raises(ValueError, match=f"{field} is .*(give|choose)"):
-        SceneConfig(**{field: value})
-
-
 def test_threads_must_be_positive():
     with pytest.raises(ValueError, match="n_threads is 0"):
         next(iter(render_sequence(SMALL, n_threads=0)))
-
-
-@pytest.mark.parametrize(("bag", "name"), [("mcap", "bag"), ("rosbag1", "stereo.bag")])
-def test_command_writes_a_dataset_folder_and_a_bag(tmp_path, capsys, bag, name):
-    folder = tmp_path / "new" / "scene"
-    assert run("generate", [str(folder), "--frames", "2", "--size", "96x64", "--seed", "4", "--bag", bag]) == 0
-    assert capsys.readouterr().out == f"2 frames written to {folder}\n"
-    expected = list(render_sequence(SceneConfig(seed=4, width=96, height=64, n_frames=2)))
-    dataset = FolderDataset(folder)
-    disparities = FolderDataset(folder, source="disparity")
-    assert dataset.names == [item.frame.name for item in expected]
-    with StereoBag(folder / name) as recorded:
-        frames = list(recorded.frames())
-    assert [frame.stamp_ns for frame in frames] == [item.frame.stamp_ns for item in expected]
-    for item, frame in zip(expected, frames, strict=True):
-        read = dataset.frame(item.frame.name)
-        for stored in (read, frame):
-            np.testing.assert_array_equal(stored.left, item.frame.left)
-            np.testing.assert_array_equal(stored.right, item.frame.right)
-            assert stored.camera.baseline_m == pytest.approx(0.12)
-            assert stored.camera.fx == pytest.approx(item.frame.camera.fx)
-        np.testing.assert_array_equal(dataset.truth(item.frame.name), item.truth)
-        exact = disparities.frame(item.frame.name).disparity
-        np.testing.assert_allclose(exact, item.disparity, atol=0.5 / 256)
-
-
-def test_command_writes_several_sequences(tmp_path):
-    assert run("generate", [str(tmp_path), "--frames", "1", "--size", "64x48", "--sequences", "2"]) == 0
-    lefts = [FolderDataset(tmp_path / f"sequence_0{i}") for i in (0, 1)]
-    assert (lefts[0].frame(lefts[0].names[0]).left != lefts[1].frame(lefts[1].names[0]).left).mean() > 0.5
-    assert json.loads((tmp_path / "sequence_01" / "calib.json").read_text())["height"] == 48
-
-
-def test_command_refuses_a_folder_with_files(tmp_path, capsys):
-    (tmp_path / "mine.txt").write_text("keep")
-    assert run("generate", [str(tmp_path)]) == 1
-    error = capsys.readouterr().err
-    assert error.count("\n") == 1
-    assert f"{tmp_path}: exists; give a new or an empty folder" in error
-    assert [path.name for path in tmp_path.iterdir()] == ["mine.txt"]
-
-
-@pytest.mark.parametrize(
-    "arguments",
-    [["--size", "640"], ["--size", "8x8"], ["--frames", "many"], ["--noise", "-1"], ["--sequences", "0"]],
-)
-def test_command_refuses_wrong_usage(tmp_path, capsys, arguments):
-    with pytest.raises(SystemExit) as stopped:
-        run("generate", [str(tmp_path / "new"), *arguments])
-    assert stopped.value.code == 2
-    assert f"argument {arguments[0]}: " in capsys.readouterr().err
-    assert not (tmp_path / "new").exists()
-
-
-def test_help_states_the_defaults():
-    parser = argparse.ArgumentParser()
-    generate.add_arguments(parser)
-    stated = {action.dest: action.help for action in parser._actions}
-    defaults = SceneConfig()
-    assert f"({defaults.width}x{defaults.height})" in stated["size"]
-    for item in dataclasses.fields(SceneConfig):
-        if item.name in stated:
-            value = item.default if isinstance(item.default, str) else f"{item.default:g}"
-            assert stated[item.name].endswith(f"({value})"), item.name
-    assert len(stated.keys() & {item.name for item in dataclasses.fields(SceneConfig)}) == 15

@@ -1,250 +1,23 @@
-"""Synthetic stereo sequences of outdoor scenes, with exact disparity and ground truth.
+"""The landscapes of synthetic scenes: asphalt, dirt or gravel between grass and soil, and what stands beside the path.
 
-A camera drives along a winding path over ground that is not quite flat: asphalt, dirt or gravel between grass and soil,
-trees, bushes, rocks, boxes and walls with sharp shadows near and far, woods and clouds at the horizon. A seed makes the
-scene: what stands where, its colours, the light and the noise of the images.
+Trees, bushes, rocks, boxes and walls, with sharp shadows, near and far; woods and clouds at the horizon. A seed decides
+what stands where, its colours and the light.
 """
 
 from __future__ import annotations
 
 import enum
 import math
-from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from lrtrav_ros.camera import StereoCamera
-from lrtrav_ros.io.dataset_folder import Frame
 from lrtrav_ros.synthetic import raycasting
-from lrtrav_ros.synthetic.raycasting import (
-    BOX,
-    CYLINDER,
-    ELLIPSOID,
-    Scene,
-    View,
-)
+from lrtrav_ros.synthetic.raycasting import BOX, CYLINDER, ELLIPSOID, Scene
+from lrtrav_ros.synthetic.scene_config import STYLES, SceneConfig
 
-STYLES = ("forest", "field", "park", "road")
-
-_START_NS = 1_000_000_000_000_000_000
-_BLUR_PX = 0.55
-_GAMMA = 2.2
 _AHEAD_M = 170.0
-
-# Least and largest value of every setting that is a number.
-_RANGES = {
-    "seed": (0, 2**63 - 1),
-    "n_frames": (1, 100_000),
-    "width": (32, 8192),
-    "height": (32, 8192),
-    "rate_hz": (0.1, 1000.0),
-    "speed_m_s": (0.0, 50.0),
-    "hfov_deg": (10.0, 140.0),
-    "baseline_m": (0.001, 10.0),
-    "camera_height_m": (0.1, 20.0),
-    "pitch_deg": (-45.0, 60.0),
-    "roll_deg": (-45.0, 45.0),
-    "sway_deg": (0.0, 10.0),
-    "undulation_m": (0.0, 2.0),
-    "n_obstacles": (0, 5000),
-    "noise": (0.0, 50.0),
-    "exposure_difference": (-0.9, 2.0),
-}
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SceneConfig:
-    """A scene and the camera that drives through it.
-
-    Parameters
-    ----------
-    seed
-        Makes the scene and the noise: same settings, same images.
-    style
-        ``forest``, ``field``, ``park``, ``road``, or ``any``: the seed chooses.
-    n_frames
-        Number of stereo pairs.
-    width, height
-        Size of the images in pixels.
-    rate_hz, speed_m_s
-        Frames per second, and the camera's speed along the path.
-    hfov_deg
-        Horizontal field of view.
-    baseline_m
-        Distance of the two cameras.
-    camera_height_m
-        Height of the cameras over the ground below them.
-    pitch_deg, roll_deg
-        How far the camera looks down, and is turned clockwise. On a slope the pitch is relative to the slope.
-    sway_deg
-        Amplitude of the slow changes of pitch and roll while driving.
-    undulation_m
-        Amplitude of the ground's waves; 0 for a flat ground.
-    n_obstacles
-        Number of trees, bushes, rocks, boxes and walls.
-    shadows
-        Whether they cast shadows.
-    noise
-        Standard deviation of the images' noise in grey levels, at medium brightness; it grows with brightness.
-    exposure_difference
-        The right image is brighter than the left one by this share.
-
-    Raises
-    ------
-    ValueError
-        If a value is out of range.
-    """
-
-    seed: int = 0
-    style: str = "any"
-    n_frames: int = 30
-    width: int = 640
-    height: int = 480
-    rate_hz: float = 10.0
-    speed_m_s: float = 2.5
-    hfov_deg: float = 66.0
-    baseline_m: float = 0.12
-    camera_height_m: float = 1.0
-    pitch_deg: float = 8.0
-    roll_deg: float = 0.0
-    sway_deg: float = 0.6
-    undulation_m: float = 0.06
-    n_obstacles: int = 100
-    shadows: bool = True
-    noise: float = 2.0
-    exposure_difference: float = 0.04
-
-    def __post_init__(self) -> None:
-        if self.style not in ("any", *STYLES):
-            raise ValueError(f"style is {self.style!r}; choose one of any, {', '.join(STYLES)}")
-        for name, (low, high) in _RANGES.items():
-            value = getattr(self, name)
-            if isinstance(value, bool) or not isinstance(value, (int, type(low))):
-                raise ValueError(f"{name} is {value!r}; give a number of type {type(low).__name__}")
-            if not low <= value <= high:
-                raise ValueError(f"{name} is {value!r}; give a value from {low} to {high}")
-
-    @property
-    def camera(self) -> StereoCamera:
-        """Calibration of the images."""
-        focal_px = self.width / 2 / math.tan(math.radians(self.hfov_deg) / 2)
-        return StereoCamera(
-            fx=focal_px,
-            fy=focal_px,
-            cx=(self.width - 1) / 2,
-            cy=(self.height - 1) / 2,
-            baseline_m=self.baseline_m,
-        )
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class SyntheticFrame:
-    """A stereo pair and what is true of its left image.
-
-    Parameters
-    ----------
-    frame
-        Left and right image (BGR), calibration, and time; its name is the time in nanoseconds.
-    disparity : (H, W) ndarray of float32
-        Exact disparity at the pixels' centres; 0 for the sky.
-    truth : (H, W) ndarray of uint8
-        255 traversable: ground; 0 not: obstacles and sky; 128 ignored: the pixels on either side of a boundary.
-    """
-
-    frame: Frame
-    disparity: NDArray[np.float32]
-    truth: NDArray[np.uint8]
-
-
-def render_sequence(config: SceneConfig, *, n_threads: int = 2) -> Iterator[SyntheticFrame]:
-    """Render the frames of a scene one by one; the images do not depend on the number of threads.
-
-    Raises
-    ------
-    ValueError
-        If `n_threads` is not positive.
-
-    Examples
-    --------
-    >>> config = SceneConfig(seed=3, width=160, height=120, n_frames=2)
-    >>> [item.disparity.shape for item in render_sequence(config)]
-    [(120, 160), (120, 160)]
-    """
-    if n_threads < 1:
-        raise ValueError(f"n_threads is {n_threads}; give at least 1")
-    scene = make_scene(config)
-    with ThreadPoolExecutor(n_threads) as executor:
-        for index in range(config.n_frames):
-            yield _render(config, scene, index, executor, n_threads)
-
-
-def _render(
-    config: SceneConfig, scene: Scene, index: int, executor: ThreadPoolExecutor, n_threads: int
-) -> SyntheticFrame:
-    """Render one frame."""
-    views = [_view(config, scene, index, side) for side in (0, 1)]
-    started = [raycasting.cast(scene, view, executor, n_threads) for view in views]
-    for _, futures in started:
-        for future in futures:
-            future.result()
-    pictures = [picture for picture, _ in started]
-    gains = (1.0, 1.0 + config.exposure_difference)
-    left, right = (
-        _sensed(picture.colour, gain, config.noise, np.random.default_rng((config.seed, index, side)))
-        for side, (picture, gain) in enumerate(zip(pictures, gains, strict=True))
-    )
-    stamp_ns = _START_NS + round(index * 1e9 / config.rate_hz)
-    frame = Frame(name=str(stamp_ns), left=left, right=right, camera=config.camera, stamp_ns=stamp_ns)
-    disparity = config.camera.disparity(pictures[0].depth_m.astype(np.float32))
-    return SyntheticFrame(frame=frame, disparity=disparity, truth=_truth(pictures[0].surface))
-
-
-def _truth(surface: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Return the ground truth; boundaries are ignored, for a pixel there holds both."""
-    ground = (surface == raycasting.GROUND).astype(np.uint8)
-    boundary = cv2.morphologyEx(ground, cv2.MORPH_GRADIENT, np.ones((3, 3), np.uint8))
-    return np.where(boundary > 0, 128, ground * 255).astype(np.uint8)
-
-
-def _sensed(colour: NDArray[np.float32], gain: float, noise: float, rng: np.random.Generator) -> NDArray[np.uint8]:
-    """Return a sensor's 8-bit image: the lens blurs, noise has a part that grows with the signal as shot noise does."""
-    blurred = cv2.GaussianBlur(colour, (0, 0), _BLUR_PX)
-    level = (255 * gain) * np.clip(blurred, 0, 1) ** np.float32(1 / _GAMMA)
-    spread = noise * np.sqrt(0.3 + 0.7 / 128 * level)
-    level += spread * rng.standard_normal(level.shape, np.float32)
-    return np.clip(np.rint(level), 0, 255).astype(np.uint8)
-
-
-def _view(config: SceneConfig, scene: Scene, index: int, side: int) -> View:
-    """Return the left (0) or right (1) camera at a frame."""
-    y = index * config.speed_m_s / config.rate_hz
-    x = raycasting.path_middle(scene.path, y)
-    yaw = math.atan2(raycasting.path_middle(scene.path, y + 0.5) - raycasting.path_middle(scene.path, y - 0.5), 1.0)
-    height = raycasting.ground_height(scene.waves, x, y)
-    ahead = raycasting.ground_height(scene.waves, x + 0.5 * math.sin(yaw), y + 0.5 * math.cos(yaw))
-    phase = np.random.default_rng((config.seed, 2)).uniform(0, 2 * math.pi, 2)
-    sway = config.sway_deg * np.sin(phase + y * np.array([1.9, 1.3]))
-    slope = math.degrees(math.atan((ahead - height) / 0.5))
-    rotation = _rotation(yaw, math.radians(config.pitch_deg + sway[0] - slope), math.radians(config.roll_deg + sway[1]))
-    origin = np.array([x, y, height + config.camera_height_m]) + side * config.baseline_m * rotation[:, 0]
-    camera = config.camera
-    return View(origin, rotation, camera.fx, camera.cx, camera.cy, config.width, config.height)
-
-
-def _rotation(yaw: float, pitch: float, roll: float) -> NDArray[np.float64]:
-    """Return the camera's axes right, down, ahead as columns; yaw to the right, pitch down, roll clockwise."""
-    level = np.array([math.sin(yaw), math.cos(yaw), 0.0])
-    up = np.array([0.0, 0.0, 1.0])
-    right = np.array([math.cos(yaw), -math.sin(yaw), 0.0])
-    ahead = math.cos(pitch) * level - math.sin(pitch) * up
-    down = -math.sin(pitch) * level - math.cos(pitch) * up
-    return np.stack(
-        (math.cos(roll) * right + math.sin(roll) * down, math.cos(roll) * down - math.sin(roll) * right, ahead), axis=1
-    )
 
 
 class _Material(enum.Enum):
@@ -270,7 +43,7 @@ class _Material(enum.Enum):
 
 
 class _Thing(enum.Enum):
-    """What may stand in a scene."""
+    """A thing that may stand in a scene."""
 
     TREE = enum.auto()
     CONIFER = enum.auto()
@@ -285,7 +58,7 @@ class _Thing(enum.Enum):
 
 @dataclass(frozen=True, slots=True)
 class _Style:
-    """What a kind of landscape is made of; `things` stand in the ratio of their numbers."""
+    """A kind of landscape; `things` stand in it in the ratio of their numbers."""
 
     ground: tuple[_Material, _Material, _Material]
     half_width_m: float
@@ -322,7 +95,7 @@ _LANDSCAPES = (_FOREST, _FIELD, _PARK, _ROAD)
 
 
 def make_scene(config: SceneConfig) -> Scene:
-    """Return the scene that the seed makes, ready for ray casting."""
+    """Return the scene that the settings make, ready for ray casting: same settings, same scene."""
     rng = np.random.default_rng((config.seed, 1))
     chosen = int(rng.integers(len(STYLES)))
     style = _LANDSCAPES[chosen if config.style == "any" else STYLES.index(config.style)]
@@ -383,7 +156,7 @@ def _materials(style: _Style, tones: NDArray[np.float64]) -> NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class _Place:
-    """Where a thing stands, and the path's direction there."""
+    """The place where a thing stands, and the path's direction there."""
 
     x: float
     y: float

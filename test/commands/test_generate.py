@@ -1,0 +1,108 @@
+"""`generate`: what it writes, its options, and what it refuses."""
+
+import argparse
+import json
+
+import numpy as np
+import pytest
+
+from lrtrav_ros.commands import generate, run
+from lrtrav_ros.config import settings_of
+from lrtrav_ros.io.bag_frames import StereoBag
+from lrtrav_ros.io.dataset_folder import DatasetFolder
+from lrtrav_ros.synthetic.rendering import render_sequence
+from lrtrav_ros.synthetic.scene_config import SceneConfig
+
+
+@pytest.mark.parametrize(("bag", "name"), [("mcap", "bag"), ("rosbag1", "stereo.bag")])
+def test_command_writes_a_dataset_folder_and_a_bag(tmp_path, capsys, bag, name):
+    folder = tmp_path / "new" / "scene"
+    assert run("generate", [str(folder), "--frames", "2", "--size", "96x64", "--seed", "4", "--bag", bag]) == 0
+    assert capsys.readouterr().out == f"2 frames written to {folder}\n"
+    expected = list(render_sequence(SceneConfig(seed=4, width=96, height=64, n_frames=2)))
+    dataset = DatasetFolder(folder)
+    disparities = DatasetFolder(folder, source="disparity")
+    assert dataset.names == [item.frame.name for item in expected]
+    with StereoBag(folder / name) as recorded:
+        frames = list(recorded.frames())
+    assert [frame.stamp_ns for frame in frames] == [item.frame.stamp_ns for item in expected]
+    for item, frame in zip(expected, frames, strict=True):
+        read = dataset.frame(item.frame.name)
+        for stored in (read, frame):
+            np.testing.assert_array_equal(stored.left, item.frame.left)
+            np.testing.assert_array_equal(stored.right, item.frame.right)
+            assert stored.camera.baseline_m == pytest.approx(0.12)
+            assert stored.camera.fx == pytest.approx(item.frame.camera.fx)
+        np.testing.assert_array_equal(dataset.truth(item.frame.name), item.truth)
+        exact = disparities.frame(item.frame.name).disparity
+        np.testing.assert_allclose(exact, item.disparity, atol=0.5 / 256)
+
+
+def test_command_writes_several_sequences(tmp_path):
+    assert run("generate", [str(tmp_path), "--frames", "1", "--size", "64x48", "--sequences", "2"]) == 0
+    lefts = [DatasetFolder(tmp_path / f"sequence_0{i}") for i in (0, 1)]
+    assert (lefts[0].frame(lefts[0].names[0]).left != lefts[1].frame(lefts[1].names[0]).left).mean() > 0.5
+    assert json.loads((tmp_path / "sequence_01" / "calib.json").read_text())["height"] == 48
+
+
+def test_command_refuses_a_folder_with_files(tmp_path, capsys):
+    (tmp_path / "mine.txt").write_text("keep")
+    assert run("generate", [str(tmp_path)]) == 1
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1
+    assert f"{tmp_path}: exists; give a new or an empty folder" in error
+    assert [path.name for path in tmp_path.iterdir()] == ["mine.txt"]
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["--size", "640"],
+        ["--size", "8x8"],
+        ["--size", "640x-9"],
+        ["--style", "desert"],
+        ["--frames", "many"],
+        ["--noise", "-1"],
+        ["--sequences", "0"],
+    ],
+)
+def test_command_refuses_wrong_usage(tmp_path, capsys, arguments):
+    with pytest.raises(SystemExit) as stopped:
+        run("generate", [str(tmp_path / "new"), *arguments])
+    assert stopped.value.code == 2
+    assert f"argument {arguments[0]}: " in capsys.readouterr().err
+    assert not (tmp_path / "new").exists()
+
+
+def parser():
+    made = argparse.ArgumentParser()
+    generate.add_arguments(made)
+    return made
+
+
+def test_help_states_description_range_and_default_of_every_setting():
+    stated = {action.dest: action for action in parser()._actions}
+    assert stated["size"].help.endswith("(640x480)")
+    settings = settings_of(SceneConfig)
+    for field in settings.keys() - {"width", "height", "shadows"}:
+        parameter = settings[field]
+        default = parameter.default if isinstance(parameter.default, str) else f"{parameter.default:g}"
+        assert stated[field].help == f"{parameter.description}; {parameter.range_text} ({default})"
+        assert stated[field].metavar == {str: "NAME", int: "N", float: "X"}[parameter.type]
+
+
+def test_options_make_the_scene():
+    text = (
+        "DIR --frames 2 --seed 3 --style park --rate 4 --speed 5 --hfov 60 --baseline 0.7 --camera-height 0.8"
+        " --pitch -9 --roll -1.5 --sway 1e-1 --undulation 0 --obstacles 13 --noise 0.5 --exposure-difference -0.1"
+        " --no-shadows --size 64x48"
+    )
+    assert generate._scene(parser().parse_args(text.split())) == SceneConfig(
+        n_frames=2, seed=3, style="park", rate_hz=4.0, speed_m_s=5.0, hfov_deg=60.0, baseline_m=0.7,
+        camera_height_m=0.8, pitch_deg=-9.0, roll_deg=-1.5, sway_deg=0.1, undulation_m=0.0, n_obstacles=13, noise=0.5,
+        exposure_difference=-0.1, shadows=False, width=64, height=48,
+    )  # fmt: skip
+
+
+def test_without_options_the_scene_is_the_default_one():
+    assert generate._scene(parser().parse_args(["DIR"])) == SceneConfig()
