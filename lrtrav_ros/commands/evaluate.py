@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import argparse
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from lrtrav_ros.commands.options import add_parallel_options, add_setting_options, settings_from
+from lrtrav_ros.commands.usage_error import UsageError
 
 if TYPE_CHECKING:
+    from lrtrav_ros.evaluation.scoring.evaluation_folder import EvaluationFolder
     from lrtrav_ros.evaluation.scoring.methods import Method
     from lrtrav_ros.evaluation.scoring.score_records import Summary
     from lrtrav_ros.evaluation.truth.opening import ReaderOptions
@@ -27,11 +31,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="dataset folder with gt/, KITTI Road, folder of .mat files with calib.json (LAGR), or rosbag with --truth",
     )
     parser.add_argument(
-        "--output", type=Path, metavar="DIR", help="folder to write to; one that was interrupted is gone on with"
+        "--output",
+        type=Path,
+        metavar="DIR",
+        help="folder to write to; an interrupted run resumes there. Results that the code or a setting has changed "
+        "since are moved into DIR/superseded-N, and computed anew",
     )
-    parser.add_argument(
-        "--methods", metavar="LIST", help=f"out of {_METHODS}; all but the last one where none are named"
-    )
+    parser.add_argument("--methods", metavar="LIST", help=f"out of {_METHODS}; by default all but the last one")
     parser.add_argument(
         "--study",
         choices=("texture", "distance"),
@@ -73,35 +79,19 @@ def _add_reading_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--inspect", type=Path, metavar="FILE", help="list the arrays of a .mat file, and do no more")
 
 
+def _labels(text: str) -> tuple[int, int, int]:
+    """Return three labels; argparse reports a ValueError as wrong usage."""
+    traversable, not_traversable, unknown = map(int, text.split(","))
+    return traversable, not_traversable, unknown
+
+
 def run(args: argparse.Namespace) -> int:
     """Evaluate, write the results and print the table; frames that cannot be used are counted and named."""
     if args.inspect is not None:
         return _inspect(args.inspect)
     if not args.datasets or args.output is None:
-        print("evaluate: give at least one DATASET, and --output DIR; see --help", file=sys.stderr)
-        return 2
-    values = settings_from(args)
-
-    from lrtrav_ros.evaluation.report.output_files import write_configs, write_results
-    from lrtrav_ros.evaluation.scoring.evaluation_folder import RunFolder, run_frames, run_identity
-    from lrtrav_ros.evaluation.scoring.frame_evaluation import make_setup
-    from lrtrav_ros.evaluation.truth.opening import open_sets
-
-    options = _reader_options(args, values)
-    sets = open_sets(args.datasets, options)
-    methods = _methods(args)
-    setup = make_setup(methods, values, n_seeds=args.seeds, save_masks=args.save_masks)
-    folder = RunFolder(args.output, run_identity(setup, unknown=args.unknown, reading=repr(options)))
-    if folder.was_discarded:
-        print(f"{args.output}: the configuration has changed; starting afresh", file=sys.stderr)
-    write_configs(methods, values, folder)
-    n_kept = run_frames(sets, setup, folder, unknown=args.unknown, jobs=args.jobs, cluster=args.cluster)
-    if n_kept:
-        print(f"{n_kept} frames were finished before", file=sys.stderr)
-    summary = write_results(sets, setup, folder, unknown=args.unknown, jobs=args.jobs, cluster=args.cluster)
-    _print(summary)
-    print(f"\n{args.output}/report.html, scores.csv, summary.json, times.csv")
-    return 0 if summary.results else 1
+        raise UsageError("give at least one DATASET, and --output DIR; see --help")
+    return _evaluate(args, settings_from(args))
 
 
 def _inspect(path: Path) -> int:
@@ -109,6 +99,41 @@ def _inspect(path: Path) -> int:
 
     print("\n".join(describe(path)))
     return 0
+
+
+def _evaluate(args: argparse.Namespace, values: dict[str, object]) -> int:
+    """Evaluate with these parameters; return the exit status."""
+    from lrtrav_ros.evaluation.report.output_files import write_configs, write_results
+    from lrtrav_ros.evaluation.scoring.evaluation_folder import EvaluationFolder, evaluate_frames
+    from lrtrav_ros.evaluation.scoring.evaluation_identity import evaluation_identity
+    from lrtrav_ros.evaluation.scoring.frame_evaluation import make_setup
+    from lrtrav_ros.evaluation.truth.opening import open_sets
+
+    with _wrong_usage():
+        reading, methods = _reader_options(args, values), _methods(args)
+        setup = make_setup(methods, values, n_seeds=args.seeds, save_masks=args.save_masks)
+    sets = open_sets(args.datasets, reading)
+    folder = EvaluationFolder(args.output, evaluation_identity(setup, reading, unknown=args.unknown))
+    _print_superseded(folder)
+    write_configs(methods, values, folder)
+    resumption = evaluate_frames(sets, setup, folder, unknown=args.unknown, jobs=args.jobs, cluster=args.cluster)
+    if resumption.n_kept:
+        print(f"{resumption.n_kept} frames were finished before", file=sys.stderr)
+    if resumption.n_changed:
+        print(f"frames evaluated again, because their files have changed: {resumption.n_changed}", file=sys.stderr)
+    summary = write_results(sets, setup, folder, unknown=args.unknown, jobs=args.jobs, cluster=args.cluster)
+    _print(summary)
+    print(f"\n{args.output}/report.html, scores.csv, summary.json, times.csv")
+    return 0 if summary.results else 1
+
+
+@contextmanager
+def _wrong_usage() -> Iterator[None]:
+    """Raise UsageError where an option's value is refused."""
+    try:
+        yield
+    except ValueError as err:
+        raise UsageError(str(err)) from err
 
 
 def _methods(args: argparse.Namespace) -> list[Method]:
@@ -144,10 +169,13 @@ def _reader_options(args: argparse.Namespace, values: dict[str, object]) -> Read
     )
 
 
-def _labels(text: str) -> tuple[int, int, int]:
-    """Return three labels; argparse reports a ValueError as wrong usage."""
-    traversable, not_traversable, unknown = map(int, text.split(","))
-    return traversable, not_traversable, unknown
+def _print_superseded(folder: EvaluationFolder) -> None:
+    """Say on standard error which earlier results are kept aside, and why they do not count any more."""
+    if folder.superseded is not None:
+        lines = [f"{folder.path}: these have changed since the earlier run:"]
+        lines += [f"  {change}" for change in folder.superseded.changes]
+        lines += [f"starting afresh; the earlier results are kept in {folder.superseded.path}"]
+        print("\n".join(lines), file=sys.stderr)
 
 
 def _print(summary: Summary) -> None:

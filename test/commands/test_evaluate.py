@@ -6,17 +6,19 @@ import subprocess
 import sys
 
 import cluster as clusters
+import cv2
 import numpy as np
 import pytest
 from recorded import FAST, N_FRAMES, frames, rendered, write_dataset
-from test_opening import write_lagr
 
+from lrtrav_ros import detector as detector_module
 from lrtrav_ros.commands import run
-from lrtrav_ros.config import Config, load_parameters
-from lrtrav_ros.evaluation.scoring import evaluation_folder as runs
+from lrtrav_ros.config import Config
+from lrtrav_ros.evaluation.scoring import evaluation_folder, evaluation_identity
 from lrtrav_ros.evaluation.scoring.score_records import MEAN, PaperScores, Summary, from_json
 from lrtrav_ros.evaluation.scoring.scores import score
-from lrtrav_ros.io.encodings import read_image, write_image
+from lrtrav_ros.io.image_files import read_image, write_image
+from lrtrav_ros.io.parameter_file import read_parameter_file
 
 METHODS = "uv_disparity,random_centres,robust"
 TIMED = ("times", "times.csv", "report.html")  # the same in no two runs
@@ -101,7 +103,7 @@ def test_summary_has_the_means_of_the_rows(evaluated):
 def test_every_method_has_its_configuration_that_detect_takes(dataset, evaluated, tmp_path):
     path = evaluated / "configs" / "robust.yaml"
     values = {"stereo.n_disparities": 64, "superpixels.n_superpixels": 60}
-    assert Config().updated(load_parameters(path)) == Config().updated(values)
+    assert read_parameter_file(path).config() == Config().updated(values)
     assert run("detect", [str(dataset), "--params", str(path), "--output", str(tmp_path / "detected")]) == 0
     for name in (frame.name for frame in frames()):
         mask = read_image(evaluated / "masks" / "road" / "robust" / f"{name}.png")
@@ -135,16 +137,16 @@ def test_files_do_not_depend_on_the_number_of_processes(dataset, evaluated, tmp_
     assert contents(tmp_path / "out") == contents(evaluated)
 
 
-def test_interrupted_run_goes_on_and_ends_with_the_same_files(dataset, evaluated, tmp_path, monkeypatch):
-    output, real, done = tmp_path / "out", runs.evaluate_frame, []
+def test_interrupted_run_resumes_and_ends_with_the_same_files(dataset, evaluated, tmp_path, monkeypatch):
+    output, real, done = tmp_path / "out", evaluation_folder.evaluate_frame, []
 
     def interrupted(task):
         if len(done) == 2:
             raise KeyboardInterrupt
-        done.append(task.source.name)
+        done.append(task.item.name)
         return real(task)
 
-    monkeypatch.setattr(runs, "evaluate_frame", interrupted)
+    monkeypatch.setattr(evaluation_folder, "evaluate_frame", interrupted)
     assert evaluate(dataset, output=output, options=usual("--save-masks")) == 130
     assert not (output / "scores.csv").exists()
     (output / "records" / "road" / ".frame.json.1.tmp").write_text("{")  # as a killed process leaves it
@@ -156,19 +158,19 @@ def test_interrupted_run_goes_on_and_ends_with_the_same_files(dataset, evaluated
 
 
 def test_cluster_gives_the_same_files_though_a_worker_dies(dataset, evaluated, tmp_path, monkeypatch):
-    output, write = tmp_path / "out", runs.RunFolder.write
+    output, write = tmp_path / "out", evaluation_folder.EvaluationFolder.write
     with clusters.cluster(tmp_path) as (address, workers):
 
         def write_and_kill(folder, outcome):
             workers[0].kill()
             write(folder, outcome)
 
-        monkeypatch.setattr(runs.RunFolder, "write", write_and_kill)
+        monkeypatch.setattr(evaluation_folder.EvaluationFolder, "write", write_and_kill)
         assert evaluate(dataset, output=output, options=usual("--save-masks", "--cluster", address)) == 0
     assert contents(output) == contents(evaluated)
 
 
-def test_killed_process_is_gone_on_with(dataset, evaluated, tmp_path):
+def test_run_after_a_killed_process_resumes(dataset, evaluated, tmp_path):
     output = tmp_path / "out"
     command = [sys.executable, "-m", "lrtrav_ros", "evaluate", dataset, "--output", output, *FAST]
     with subprocess.Popen(list(map(str, [*command, *usual("--save-masks")])), stdout=subprocess.DEVNULL) as process:
@@ -178,13 +180,55 @@ def test_killed_process_is_gone_on_with(dataset, evaluated, tmp_path):
     assert contents(output) == contents(evaluated)
 
 
-def test_changed_configuration_starts_afresh(broken, tmp_path, capsys):
+def test_changed_settings_are_named_and_the_earlier_results_kept(broken, tmp_path, capsys):
     output = tmp_path / "out"
-    assert evaluate(broken, output=output, options=("--methods", "robust", "--save-masks")) == 0
-    assert evaluate(broken, output=output, options=("--methods", "uv_disparity")) == 0
-    assert "the configuration has changed; starting afresh" in capsys.readouterr().err
-    assert {row["method"] for row in rows(output)} == {"uv_disparity"}
+    assert evaluate(broken, output=output, options=("--methods", "robust,uv_disparity", "--save-masks")) == 0
+    before = contents(output)
+    (output / "notes.txt").write_text("mine")
+    capsys.readouterr()
+    options = ("--methods", "robust", "--set", "clustering.k=5", "--unknown", "not-traversable")
+    assert evaluate(broken, output=output, options=options) == 0
+    assert capsys.readouterr().err.splitlines() == [
+        f"{output}: these have changed since the earlier run:",
+        "  --methods: robust, uv_disparity -> robust",
+        "  --save-masks: yes -> no",
+        "  --unknown: default -> not-traversable",
+        "  clustering.k: 10 -> 5",
+        f"starting afresh; the earlier results are kept in {output}/superseded-1",
+    ]
+    assert contents(output / "superseded-1") == before
+    assert {row["method"] for row in rows(output)} == {"robust"}
     assert not (output / "masks").exists()
+    assert (output / "notes.txt").read_text() == "mine"
+
+
+def test_changed_code_is_named_and_nothing_is_ever_removed(broken, tmp_path, capsys, monkeypatch):
+    output, options = tmp_path / "out", ("--methods", "uv_disparity")
+    kept = []
+    for digest in ("one", "two", "two", "three"):
+        if output.exists():
+            kept.append(contents(output))
+        monkeypatch.setattr(evaluation_identity, "code_digest", lambda package, digest=digest: digest)
+        assert evaluate(broken, output=output, options=options) == 0
+    first, second, again = kept
+    assert first != second == again
+    messages = capsys.readouterr().err
+    assert messages.count("  the code of lrtrav_ros\n") == 2
+    assert messages.count(f"{N_FRAMES} frames were finished before") == 1
+    assert contents(output / "superseded-1") == first
+    assert contents(output / "superseded-2") == {name: second[name] for name in first}
+    assert sorted(path.name for path in output.glob("superseded-*")) == ["superseded-1", "superseded-2"]
+
+
+@pytest.mark.parametrize("text", ['{"methods": {"uv_disparity": []}, "save_masks": false}', "{", '{"code": 1}'])
+def test_results_of_another_version_are_kept_aside(broken, tmp_path, capsys, text):
+    output, options = tmp_path / "out", ("--methods", "uv_disparity")
+    assert evaluate(broken, output=output, options=options) == 0
+    (output / "run.json").write_text(text)
+    assert evaluate(broken, output=output, options=options) == 0
+    assert "  run.json, which another version wrote\n" in capsys.readouterr().err
+    assert (output / "superseded-1" / "run.json").read_text() == text
+    assert len(list((output / "superseded-1" / "records" / "broken").iterdir())) == N_FRAMES
 
 
 def test_changed_frame_is_computed_again(broken, tmp_path, capsys):
@@ -192,7 +236,9 @@ def test_changed_frame_is_computed_again(broken, tmp_path, capsys):
     assert evaluate(broken, output=output, options=("--methods", "uv_disparity")) == 0
     write_image(broken / "gt" / f"{name}.png", np.zeros_like(rendered()[1].truth))
     assert evaluate(broken, output=output, options=("--methods", "uv_disparity")) == 0
-    assert f"{N_FRAMES - 1} frames were finished before" in capsys.readouterr().err
+    err = capsys.readouterr().err
+    assert f"{N_FRAMES - 1} frames were finished before" in err
+    assert "frames evaluated again, because their files have changed: 1" in err
     assert next(row["precision"] for row in rows(output) if row["frame"] == name) == "0.000000"
 
 
@@ -211,6 +257,23 @@ def test_frame_that_fails_does_not_end_the_run_and_is_tried_again(broken, tmp_pa
     path.write_bytes(whole)
     assert evaluate(broken, output=output, options=("--methods", "uv_disparity")) == 0
     assert not summary_of(output).sets[0].errors
+
+
+def test_error_of_opencv_in_a_frame_does_not_end_the_run(broken, tmp_path, capsys, monkeypatch):
+    real, seen = detector_module.detect_ground, []
+
+    def failing(disparity, *args, **kwargs):
+        seen.append(disparity)
+        if len(seen) == 2:
+            raise cv2.error("OpenCV: out of its mind")
+        return real(disparity, *args, **kwargs)
+
+    monkeypatch.setattr(detector_module, "detect_ground", failing)
+    assert evaluate(broken, output=tmp_path / "out", options=("--methods", "robust")) == 0
+    assert "OpenCV: out of its mind" in capsys.readouterr().err
+    (failed,) = summary_of(tmp_path / "out").sets[0].errors
+    assert failed.frame == sorted(frame.name for frame in frames())[1]
+    assert summary_of(tmp_path / "out").results[0].n_frames == N_FRAMES - 1
 
 
 def test_all_frames_failing_is_a_failure(broken, tmp_path, capsys):
@@ -247,16 +310,6 @@ def test_unknown_pixels_follow_the_flag(broken, tmp_path):
     assert precision["not-traversable"] < 1.0
 
 
-def test_lagr_set_has_the_papers_row_beside_it(tmp_path, capsys):
-    folder = write_lagr(tmp_path / "labeled_DS1A")
-    assert evaluate(folder, output=tmp_path / "out", options=("--methods", "proposed,robust")) == 0
-    results = summary_of(tmp_path / "out").results
-    assert [result.paper for result in results] == [PaperScores(rmse=0.2521), None]
-    out = capsys.readouterr().out
-    assert "the paper" in out
-    assert next(line for line in out.splitlines() if "proposed" in line).endswith("- - 0.2521")
-
-
 def test_six_lagr_sets_have_the_papers_means_beside_them(tmp_path):
     names = ("DS1A", "DS1B", "DS2A", "DS2B", "DS3A", "DS3B")
     sets = [write_dataset(tmp_path / name, frames(n=1), truth=True) for name in names]
@@ -287,10 +340,17 @@ def test_study_prints_the_comparison(broken, tmp_path, capsys):
     [
         ([], 2, "give at least one DATASET"),
         (["DATASET"], 2, "--output DIR"),
-        (["DATASET", "--output", "OUT", "--methods", "best"], 1, "no method 'best'"),
-        (["DATASET", "--output", "OUT", "--seeds", "0"], 1, "seeds is 0"),
-        (["DATASET", "--output", "OUT", "--labels", "1,1,2"], 1, "three different values"),
-        (["DATASET", "--output", "OUT", "--field", "image"], 1, "write FIELD=NAME"),
+        (["DATASET", "--output", "OUT", "--methods", "best"], 2, "no method 'best'"),
+        (["DATASET", "--output", "OUT", "--methods", "robust,robust"], 2, "'robust' is named twice"),
+        (["DATASET", "--output", "OUT", "--methods", ","], 2, "no method is named"),
+        (["DATASET", "--output", "OUT", "--study", "texture", "--methods", "uv_disparity"], 2, "does not cluster"),
+        (["DATASET", "--output", "OUT", "--seeds", "0"], 2, "seeds is 0"),
+        (["DATASET", "--output", "OUT", "--labels", "1,1,2"], 2, "three different values"),
+        (["DATASET", "--output", "OUT", "--field", "image"], 2, "write FIELD=NAME"),
+        (["DATASET", "--output", "OUT", "--field", "picture=a"], 2, "no field 'picture'"),
+        (["DATASET", "--output", "OUT", "--field", "layout=diagonal"], 2, "layout is 'diagonal'"),
+        (["DATASET", "--output", "OUT", "--set", "clustering.n=3"], 2, "clustering.n"),
+        (["DATASET", "--output", "OUT", "--set", "clustering.k=-1"], 2, "clustering.k is -1"),
         (["DATASET", "--output", "DATASET"], 1, "exists and is no evaluation"),
         (["OUT", "--output", "OUT"], 1, "there is no such folder"),
         (["--inspect", "OUT"], 1, "No such file"),

@@ -31,12 +31,16 @@ def line_chart(
 
     Parameters
     ----------
-    labels
+    title : str
+        Stands above it.
+    series : sequence of Series
+        The lines, with a value for each point.
+    labels : sequence of str
         Names of the points; shown with all values where the pointer rests on them.
-    top
-        The largest value that there can be, at which the axis ends, such as 1 for a share; None for an axis that
+    top : float, optional
+        The largest value that there can be, at which the axis ends, such as 1 for a share; without it the axis
         begins at 0 and ends where the values do.
-    every_label
+    every_label : bool
         Write all the labels below the axis; else the numbers of some points, from 1 on.
     """
     low, high = _limits([value for item in series for value in item.values if value is not None], top)
@@ -113,7 +117,17 @@ class Bar:
 
 
 def stacked_bars(bars: Sequence[Bar], parts: Sequence[str], *, unit: str) -> str:
-    """Return horizontal bars, one below the other, with the sum of each and a legend of the parts."""
+    """Return horizontal bars, one below the other, with the sum of each and a legend of the parts.
+
+    Parameters
+    ----------
+    bars : sequence of Bar
+        The bars, with a value for each part.
+    parts : sequence of str
+        Names of the parts.
+    unit : str
+        Unit of the values.
+    """
     longest = max((sum(bar.parts) for bar in bars), default=0.0) or 1.0
     rows = "".join(_bar(bar, parts, longest, unit) for bar in bars)
     legend = "".join(f'<li><i class="p{i}"></i>{escape(name)}</li>' for i, name in enumerate(parts))

@@ -1,4 +1,4 @@
-"""Pictures of the frames on which a method is best, in the middle and worst, for the report."""
+"""The gallery of the report: pictures of the frames on which a method is best, in the middle and worst."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-from lrtrav_ros.evaluation.scoring.frame_evaluation import MethodRun, Setup
-from lrtrav_ros.evaluation.scoring.methods import MethodResult
+from lrtrav_ros.evaluation.scoring.frame_evaluation import SeededMethod, Setup
+from lrtrav_ros.evaluation.scoring.methods import MethodDetection
 from lrtrav_ros.evaluation.scoring.score_records import FrameRecord, MethodRecord
-from lrtrav_ros.evaluation.scoring.shared_stages import FrameStages
-from lrtrav_ros.evaluation.truth.labelled_sets import FrameSource, LabelledFrame
+from lrtrav_ros.evaluation.scoring.shared_stages import SharedStages
+from lrtrav_ros.evaluation.truth.labelled_sets import LabelledFrame, LabelledItem
 from lrtrav_ros.evaluation.truth.labels import apply_unknown_rule
 from lrtrav_ros.evaluation.truth.opening import NamedSet
 from lrtrav_ros.io import pictures
@@ -41,13 +41,15 @@ class Exhibit:
 
     Attributes
     ----------
-    rank
+    rank : str
         ``best``, ``median`` or ``worst`` frame of the method by RMSE.
-    record
+    set, frame : str
+        Names of the set and of the frame.
+    record : MethodRecord
         The method's scores on it.
-    pictures
+    pictures : tuple of Picture
         Image, truth, short range, superpixels, clusters, long range and errors, as far as the method has them; of a
-        method with several seeds, those of the first. None where the frame could not be read again.
+        method with several seeds, those of the first. Empty where the frame could not be read again.
     """
 
     rank: str
@@ -59,11 +61,12 @@ class Exhibit:
 
 @dataclass(frozen=True, slots=True)
 class GalleryTask:
-    """A frame of which pictures are made for some methods."""
+    """A frame of a set of which pictures are made, for some methods."""
 
-    source: FrameSource
+    set: str
+    item: LabelledItem
     unknown_rule: str
-    runs: tuple[MethodRun, ...]
+    methods: tuple[SeededMethod, ...]
 
 
 def make_gallery(
@@ -79,26 +82,35 @@ def make_gallery(
 
     Parameters
     ----------
-    unknown
-        The rule for unknown pixels; an empty text for that of each set.
-    jobs, cluster
-        See `parallel.run_tasks`.
+    sets : sequence of NamedSet
+        The frames.
+    setup : Setup
+        The methods.
+    records : sequence of FrameRecord
+        By which the frames are chosen.
+    unknown : str
+        The rule for unknown pixels; empty for that of each set.
+    jobs : int
+        Number of processes; see `parallel.run_tasks`.
+    cluster : str, optional
+        Address of a Dask scheduler to use in their place.
 
     Raises
     ------
     OSError, RuntimeError
         If a set cannot be read, or the tasks not be run.
     """
-    chosen = [item for run in setup.runs for item in choose_exhibits(records, run.method.name)]
-    places, tasks = _tasks(sets, setup, chosen, unknown)
-    found: dict[tuple[str, str, str], tuple[Picture, ...]] = {}
+    chosen = [item for seeded in setup.methods for item in choose_exhibits(records, seeded.method.name)]
+    tasks = _tasks(sets, setup, chosen, unknown)
+    made: dict[tuple[str, str, str], tuple[Picture, ...]] = {}
     results = run_tasks(make_pictures, tasks, jobs=jobs, cluster=cluster)
     progress = tqdm(results, desc="pictures", total=len(tasks), unit="frame", disable=None)
-    for place, task, result in zip(places, tasks, progress, strict=True):
+    for task, result in zip(tasks, progress, strict=True):
         if not isinstance(result, TaskError):
-            found.update({(*place, run.method.name): made for run, made in zip(task.runs, result, strict=True)})
+            for seeded, of_method in zip(task.methods, result, strict=True):
+                made[task.set, task.item.name, seeded.method.name] = of_method
     return [
-        dataclasses.replace(item, pictures=found.get((item.set, item.frame, item.record.method), ())) for item in chosen
+        dataclasses.replace(item, pictures=made.get((item.set, item.frame, item.record.method), ())) for item in chosen
     ]
 
 
@@ -118,41 +130,47 @@ def choose_exhibits(records: Iterable[FrameRecord], method: str) -> Iterator[Exh
         yield Exhibit(rank, frame.set, frame.frame, record)
 
 
-def _tasks(
-    sets: Sequence[NamedSet], setup: Setup, chosen: Sequence[Exhibit], unknown: str
-) -> tuple[list[tuple[str, str]], list[GalleryTask]]:
-    """Return each frame that is needed, by set and name, and what is to be made of it."""
-    places, tasks = [], []
-    for item in sets:
+def _tasks(sets: Sequence[NamedSet], setup: Setup, chosen: Sequence[Exhibit], unknown: str) -> list[GalleryTask]:
+    """Return a task for each frame that is needed."""
+    tasks = []
+    for labelled in sets:
         wanted: dict[str, set[str]] = {}
         for exhibit in chosen:
-            if exhibit.set == item.name:
+            if exhibit.set == labelled.name:
                 wanted.setdefault(exhibit.frame, set()).add(exhibit.record.method)
-        for source in item.frames.sources(wanted) if wanted else ():
-            runs = tuple(run for run in setup.runs if run.method.name in wanted[source.name])
-            places.append((item.name, source.name))
-            tasks.append(GalleryTask(source, unknown or item.frames.unknown_rule, runs))
-    return places, tasks
+        for item in labelled.frames.items(wanted) if wanted else ():
+            methods = tuple(seeded for seeded in setup.methods if seeded.method.name in wanted[item.name])
+            tasks.append(GalleryTask(labelled.name, item, unknown or labelled.frames.unknown_rule, methods))
+    return tasks
 
 
 def make_pictures(task: GalleryTask) -> list[tuple[Picture, ...]]:
-    """Return the pictures of a frame, for each method of the task; raises OSError or ValueError if it is unusable."""
-    labelled = task.source.read()
-    labelled = LabelledFrame(labelled.frame, apply_unknown_rule(labelled.truth, task.unknown_rule))
-    stages = FrameStages(labelled.frame)
-    return [tuple(_pictures(labelled, run.method.find(stages, run.configs[0]))) for run in task.runs]
+    """Return the pictures of a frame, for each method of the task.
+
+    Raises
+    ------
+    OSError, ValueError
+        If the frame cannot be used.
+    """
+    try:
+        labelled, stages = task.item.read(), SharedStages()
+        labelled = LabelledFrame(labelled.frame, apply_unknown_rule(labelled.truth, task.unknown_rule))
+        detections = (seeded.method.find(labelled.frame, seeded.configs[0], stages.runner()) for seeded in task.methods)
+        return [tuple(_pictures(labelled, detection)) for detection in detections]
+    except cv2.error as err:
+        raise ValueError(" ".join(str(err).split())) from err
 
 
-def _pictures(labelled: LabelledFrame, result: MethodResult) -> Iterator[Picture]:
-    left, short = labelled.frame.left, result.short_range.occupancy
-    yield _picture("image", pictures.colour_image(left))
-    yield _picture("truth", pictures.truth_picture(left, labelled.truth))
-    yield _picture("short range", pictures.overlay(left, short, short))
-    if result.superpixels is not None and result.clusters is not None:
-        yield _picture("superpixels", pictures.superpixel_picture(left, result.superpixels))
-        yield _picture("clusters", pictures.label_picture(result.clusters))
-        yield _picture("long range", pictures.overlay(left, short, result.occupancy))
-    yield _picture("errors", pictures.error_picture(left, result.mask, labelled.truth))
+def _pictures(labelled: LabelledFrame, detection: MethodDetection) -> Iterator[Picture]:
+    image, short = labelled.frame.image, detection.short_range.occupancy
+    yield _picture("image", pictures.colour_image(image))
+    yield _picture("truth", pictures.truth_picture(image, labelled.truth))
+    yield _picture("short range", pictures.overlay(image, short, short))
+    if detection.long_range is not None:
+        yield _picture("superpixels", pictures.superpixel_picture(image, detection.long_range.superpixels))
+        yield _picture("clusters", pictures.label_picture(detection.long_range.clusters))
+        yield _picture("long range", pictures.overlay(image, short, detection.occupancy))
+    yield _picture("errors", pictures.error_picture(image, detection.mask, labelled.truth))
 
 
 def _picture(title: str, image: NDArray[np.uint8]) -> Picture:

@@ -14,15 +14,9 @@ from lrtrav_ros.detector import StageTimes
 from lrtrav_ros.evaluation.report.charts import Bar, Series, line_chart, stacked_bars
 from lrtrav_ros.evaluation.report.gallery import Exhibit, Picture
 from lrtrav_ros.evaluation.report.tables import BAND_NAMES
-from lrtrav_ros.evaluation.scoring.score_records import (
-    FrameRecord,
-    FrameTimes,
-    MethodRecord,
-    Result,
-    Summary,
-)
+from lrtrav_ros.evaluation.scoring.score_records import FrameRecord, FrameTimes, MethodRecord, Summary, TableRow
 from lrtrav_ros.evaluation.scoring.scores import Scores
-from lrtrav_ros.io.encodings import write_bytes
+from lrtrav_ros.io.atomic_files import write_bytes
 from lrtrav_ros.method.ground import NO_GROUND
 
 _SCORES = (("precision", "precision"), ("recall", "recall"), ("rmse", "RMSE"))
@@ -57,9 +51,11 @@ def report_html(
 
     Parameters
     ----------
-    summary, records, times
-        What was found: over all, and in each frame, in the order in which frames are to be shown.
-    exhibits
+    summary : Summary
+        The table.
+    records, times : sequence of FrameRecord, sequence of FrameTimes
+        Scores and times of each frame, in the order in which frames are to be shown.
+    exhibits : sequence of Exhibit
         The frames of which there are pictures; see `gallery.make_gallery`.
     """
     body = [
@@ -192,7 +188,7 @@ def _table(head: Sequence[str], body: str) -> str:
     return f'<div class="scroll"><table><thead><tr>{titles}</tr></thead>{body}</table></div>'
 
 
-def _score_row(row: Result, of_set: Sequence[Result], worst: float, *, with_paper: bool, with_spread: bool) -> str:
+def _score_row(row: TableRow, of_set: Sequence[TableRow], worst: float, *, with_paper: bool, with_spread: bool) -> str:
     best = {
         "precision": max(item.scores.precision for item in of_set),
         "recall": max(item.scores.recall for item in of_set),
@@ -405,7 +401,7 @@ def _figure(picture: Picture, text: str) -> str:
 
 
 def _configuration(summary: Summary) -> str:
-    """Return in what methods differ, and all that they have in common."""
+    """Return the settings in which methods differ, and those that they have in common."""
     methods = summary.methods
     names = list(dict.fromkeys(name for method in methods for name in method.configuration))
     different = [name for name in names if len({repr(method.configuration.get(name)) for method in methods}) > 1]

@@ -4,21 +4,31 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from lrtrav_ros.config import dump_parameters
 from lrtrav_ros.evaluation.report.gallery import make_gallery
 from lrtrav_ros.evaluation.report.html_report import write_report
 from lrtrav_ros.evaluation.report.tables import scores_csv, times_csv
-from lrtrav_ros.evaluation.scoring.evaluation_folder import RunFolder
+from lrtrav_ros.evaluation.scoring.evaluation_folder import EvaluationFolder
 from lrtrav_ros.evaluation.scoring.frame_evaluation import Setup
 from lrtrav_ros.evaluation.scoring.methods import Method
 from lrtrav_ros.evaluation.scoring.score_records import Summary, to_json
 from lrtrav_ros.evaluation.scoring.summary import summarise
 from lrtrav_ros.evaluation.truth.opening import NamedSet
-from lrtrav_ros.io.encodings import write_bytes
+from lrtrav_ros.io.atomic_files import write_bytes
+from lrtrav_ros.io.parameter_file import dump_parameters
 
 
-def write_configs(methods: Sequence[Method], values: Mapping[str, object], folder: RunFolder) -> None:
-    """Write the effective configuration of each method, ``configs/METHOD.yaml``, which ``lrtrav detect`` reads."""
+def write_configs(methods: Sequence[Method], values: Mapping[str, object], folder: EvaluationFolder) -> None:
+    """Write the effective configuration of each method, ``configs/METHOD.yaml``, which ``lrtrav detect`` reads.
+
+    Parameters
+    ----------
+    methods : sequence of Method
+        The methods.
+    values : mapping of str to value
+        Parameters that are changed in all of them.
+    folder : EvaluationFolder
+        Where the files go.
+    """
     for method in methods:
         text = dump_parameters(method.configuration(values))
         write_bytes(folder.path / "configs" / f"{method.name}.yaml", text.encode())
@@ -27,7 +37,7 @@ def write_configs(methods: Sequence[Method], values: Mapping[str, object], folde
 def write_results(
     sets: Sequence[NamedSet],
     setup: Setup,
-    folder: RunFolder,
+    folder: EvaluationFolder,
     *,
     unknown: str = "",
     jobs: int = 1,
@@ -37,10 +47,18 @@ def write_results(
 
     Parameters
     ----------
-    unknown
-        The rule for unknown pixels; an empty text for that of each set.
-    jobs, cluster
-        Who makes the report's pictures; see `parallel.run_tasks`.
+    sets : sequence of NamedSet
+        The frames, all of which have been evaluated.
+    setup : Setup
+        The methods.
+    folder : EvaluationFolder
+        Where their records are, and the files go.
+    unknown : str
+        The rule for unknown pixels; empty for that of each set.
+    jobs : int
+        Number of processes that make the report's pictures; see `parallel.run_tasks`.
+    cluster : str, optional
+        Address of a Dask scheduler to use in their place.
 
     Raises
     ------

@@ -15,8 +15,8 @@ from lrtrav_ros.evaluation.scoring.score_records import (
     FrameTimes,
     MethodRecord,
     PaperScores,
-    Result,
     Summary,
+    TableRow,
 )
 from lrtrav_ros.evaluation.scoring.scores import DISTANCE_BANDS, Counts, Scores
 
@@ -33,10 +33,17 @@ BAND_NAMES = tuple(band_name(*band) for band in DISTANCE_BANDS)
 
 
 def scores_csv(records: Iterable[FrameRecord], methods: Sequence[str]) -> str:
-    """Return a row for each frame and method; one of a frame that could not be used says why in ``problem``.
+    """Return the scores as CSV: a row for each frame and method.
 
-    Empty cells: scores of such a frame, spreads of a method with one result, distances without a ground line, scores in
-    a band without pixels.
+    A row of a frame that could not be used says why in ``problem``. Empty cells: scores of such a frame, spreads of a
+    method with one result, distances without a ground line, scores in a band without pixels.
+
+    Parameters
+    ----------
+    records : iterable of FrameRecord
+        The frames, in the order of the rows.
+    methods : sequence of str
+        Names of all methods.
     """
     return _csv(
         [
@@ -71,11 +78,11 @@ def _score_cells(record: MethodRecord) -> dict[str, str]:
         "problem": record.problem,
     }
     for band, counts in zip(BAND_NAMES, record.bands, strict=False):
-        cells.update(_cells(_of(counts), f"{{}}_{band}m"))
+        cells.update(_cells(_band_scores(counts), f"{{}}_{band}m"))
     return cells
 
 
-def _of(counts: Counts) -> Scores | None:
+def _band_scores(counts: Counts) -> Scores | None:
     return counts.scores if counts.n_pixels else None
 
 
@@ -84,7 +91,13 @@ def _cells(scores: Scores | None, column: str) -> dict[str, str]:
 
 
 def times_csv(times: Iterable[FrameTimes]) -> str:
-    """Return a row with the milliseconds of each stage for each frame and method; they differ from run to run."""
+    """Return the times as CSV: a row with the milliseconds of each stage for each frame and method.
+
+    Parameters
+    ----------
+    times : iterable of FrameTimes
+        The frames, in the order of the rows.
+    """
     return _csv(
         ["set", "frame", "method", *_STAGES],
         (
@@ -143,7 +156,7 @@ def band_table(summary: Summary) -> list[str]:
     return _aligned(["method", "by distance", *(f"{name} m" for name in BAND_NAMES)], cells)
 
 
-def _set_title(row: Result) -> str:
+def _set_title(row: TableRow) -> str:
     return "mean of sets" if row.set == MEAN else row.set
 
 

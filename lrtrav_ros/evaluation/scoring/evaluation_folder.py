@@ -1,4 +1,4 @@
-"""A run over all frames: one record a frame in an output folder, so that an interrupted run goes on where it was.
+"""The folder of an evaluation, and the run over all frames that fills it: where one was interrupted, the next resumes.
 
 Scores, masks and what is made of them are the same in every run and for any number of processes; measured times, which
 are not, have files of their own.
@@ -8,47 +8,51 @@ from __future__ import annotations
 
 import hashlib
 import json
-import shutil
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import count
 from pathlib import Path
 
 from tqdm import tqdm
 
+from lrtrav_ros.evaluation.scoring.evaluation_identity import EvaluationIdentity
 from lrtrav_ros.evaluation.scoring.frame_evaluation import FrameOutcome, FrameTask, Setup, evaluate_frame
-from lrtrav_ros.evaluation.scoring.score_records import (
-    FrameRecord,
-    FrameTimes,
-    Record,
-    from_json,
-    to_json,
-)
+from lrtrav_ros.evaluation.scoring.score_records import FrameRecord, FrameTimes, Record, from_json, to_json
 from lrtrav_ros.evaluation.truth.opening import NamedSet
-from lrtrav_ros.io.encodings import write_bytes
+from lrtrav_ros.io.atomic_files import write_bytes
 from lrtrav_ros.offline.parallel import TaskError, run_tasks
 
-_FOLDERS = ("records", "times", "masks", "configs")
-_FILES = ("scores.csv", "times.csv", "summary.json", "report.html")
+_IDENTITY_FILE = "run.json"
+_RESULTS = ("records", "times", "masks", "configs", "scores.csv", "times.csv", "summary.json", "report.html")
 
 
-class RunFolder:
-    """The folder that a run writes to.
+@dataclass(frozen=True, slots=True)
+class Superseded:
+    """Earlier results that were moved aside: where they are now, and the changes that they do not go with."""
 
-    It holds ``run.json`` (what its records belong to), and for each frame ``records/SET/NAME.json``,
+    path: Path
+    changes: tuple[str, ...]
+
+
+class EvaluationFolder:
+    """The folder that an evaluation writes to.
+
+    It holds ``run.json`` (what its results depend on), and for each frame ``records/SET/NAME.json``,
     ``times/SET/NAME.json`` and, where they are asked for, ``masks/SET/METHOD/NAME.png``. Every file appears whole or
     not at all.
 
     Parameters
     ----------
-    path
-        Folder to make, or that of a run before, whose frames are kept where `identity` is the same, else removed.
-    identity
-        All that results depend on besides the frames, as text.
+    path : Path
+        Folder to make, or that of an earlier run. Its frames are kept where they have this identity; else all its
+        results are moved into a folder ``superseded-N`` of it, and never removed.
+    identity : EvaluationIdentity
+        All that results depend on besides the frames.
 
     Attributes
     ----------
-    was_discarded : bool
-        Whether results of another configuration were removed.
+    superseded : Superseded or None
+        The results that were moved aside; None where there were none.
 
     Raises
     ------
@@ -56,23 +60,26 @@ class RunFolder:
         If there is something else at `path`.
     """
 
-    def __init__(self, path: Path, identity: str) -> None:
+    def __init__(self, path: Path, identity: EvaluationIdentity) -> None:
         self.path = path
-        file = path / "run.json"
+        file = path / _IDENTITY_FILE
         if path.exists() and not file.is_file() and (not path.is_dir() or any(path.iterdir())):
             raise FileExistsError(f"{path}: exists and is no evaluation; choose another folder")
-        self.was_discarded = file.is_file() and file.read_text(encoding="utf-8") != identity
-        if self.was_discarded:
-            self._discard()
         for leftover in sorted(path.rglob(".*.tmp")):
             leftover.unlink()  # of a process that was killed while it wrote
-        write_bytes(file, identity.encode())
+        changes = _changes_since(file, identity) if file.is_file() else []
+        self.superseded = Superseded(self._set_aside(), tuple(changes)) if changes else None
+        write_bytes(file, to_json(identity).encode())
 
-    def _discard(self) -> None:
-        for folder in _FOLDERS:
-            shutil.rmtree(self.path / folder, ignore_errors=True)
-        for file in _FILES:
-            (self.path / file).unlink(missing_ok=True)
+    def _set_aside(self) -> Path:
+        """Move all results into a folder of their own, and return it; what they belong to goes last."""
+        numbered = (self.path / f"superseded-{number}" for number in count(1))
+        aside = next(path for path in numbered if not path.exists())
+        aside.mkdir()
+        for name in (*_RESULTS, _IDENTITY_FILE):
+            if (self.path / name).exists():
+                (self.path / name).rename(aside / name)
+        return aside
 
     def record(self, set_name: str, frame: str) -> FrameRecord | None:
         """Return the record of a frame; None where there is none that can be read."""
@@ -92,6 +99,12 @@ class RunFolder:
         write_bytes(self.path / "records" / file, to_json(record).encode())
 
 
+def _changes_since(file: Path, identity: EvaluationIdentity) -> list[str]:
+    """Return what differs from the identity in a file."""
+    earlier = _read(EvaluationIdentity, file)
+    return [f"{file.name}, which another version wrote"] if earlier is None else identity.changes_since(earlier)
+
+
 def _read(kind: type[Record], path: Path) -> Record | None:
     try:
         return from_json(kind, path.read_text(encoding="utf-8"))
@@ -100,37 +113,54 @@ def _read(kind: type[Record], path: Path) -> Record | None:
 
 
 @dataclass(frozen=True, slots=True)
-class _Pending:
+class Resumption:
+    """Frames that an earlier run had finished: how many were kept, and how many were not, for their files changed."""
+
+    n_kept: int
+    n_changed: int
+
+
+@dataclass(frozen=True, slots=True)
+class _PendingFrames:
     """The frames of a set that are still to do, by name, with what identifies their files."""
 
     set: NamedSet
     inputs: dict[str, str]
+    n_changed: int
 
 
-def run_frames(
+def evaluate_frames(
     sets: Sequence[NamedSet],
     setup: Setup,
-    folder: RunFolder,
+    folder: EvaluationFolder,
     *,
     unknown: str = "",
     jobs: int = 1,
     cluster: str | None = None,
-) -> int:
-    """Evaluate all frames that have no record yet, or one of other files or of an error; return how many were kept.
+) -> Resumption:
+    """Evaluate all frames that have no record yet, or one of other files or of an error.
 
     Parameters
     ----------
-    unknown
-        The rule for unknown pixels; an empty text for that of each set.
-    jobs, cluster
-        See `parallel.run_tasks`; only this process writes.
+    sets : sequence of NamedSet
+        The frames.
+    setup : Setup
+        What is done with each.
+    folder : EvaluationFolder
+        Where the results go.
+    unknown : str
+        The rule for unknown pixels; empty for that of each set.
+    jobs : int
+        Number of processes; see `parallel.run_tasks`. Only this process writes.
+    cluster : str, optional
+        Address of a Dask scheduler to use in their place.
 
     Raises
     ------
     OSError, RuntimeError
         If the output cannot be written, or the tasks not be run.
     """
-    pending = [_pending(item, folder) for item in sets]
+    pending = [_pending_frames(item, folder) for item in sets]
     n_frames = sum(len(item.frames.names) for item in sets)
     n_kept = n_frames - sum(len(item.inputs) for item in pending)
     outcomes = run_tasks(evaluate_frame, _tasks(pending, setup, unknown), jobs=jobs, cluster=cluster)
@@ -138,24 +168,25 @@ def run_frames(
         if isinstance(outcome, TaskError):
             raise RuntimeError(outcome.message)
         folder.write(outcome)
-    return n_kept
+    return Resumption(n_kept, sum(item.n_changed for item in pending))
 
 
-def _pending(item: NamedSet, folder: RunFolder) -> _Pending:
-    inputs = {}
+def _pending_frames(item: NamedSet, folder: EvaluationFolder) -> _PendingFrames:
+    inputs, n_changed = {}, 0
     for name in item.frames.names:
         identity = _identity_of(item.frames.files(name))
         record = folder.record(item.name, name)
         if record is None or record.error or record.inputs != identity or folder.times(item.name, name) is None:
             inputs[name] = identity
-    return _Pending(item, inputs)
+            n_changed += record is not None and not record.error and record.inputs != identity
+    return _PendingFrames(item, inputs, n_changed)
 
 
-def _tasks(pending: Sequence[_Pending], setup: Setup, unknown: str) -> Iterator[FrameTask]:
-    for item in pending:
-        frames = item.set.frames
-        for source in frames.sources(item.inputs) if item.inputs else ():
-            yield FrameTask(item.set.name, source, unknown or frames.unknown_rule, item.inputs[source.name], setup)
+def _tasks(pending: Sequence[_PendingFrames], setup: Setup, unknown: str) -> Iterator[FrameTask]:
+    for frames in pending:
+        labelled, inputs = frames.set.frames, frames.inputs
+        for item in labelled.items(inputs) if inputs else ():
+            yield FrameTask(frames.set.name, item, unknown or labelled.unknown_rule, inputs[item.name], setup)
 
 
 def _identity_of(files: Sequence[Path]) -> str:
@@ -166,16 +197,3 @@ def _identity_of(files: Sequence[Path]) -> str:
             status = file.stat()
             stamps.append((file.name, status.st_size, status.st_mtime_ns))
     return hashlib.sha256(json.dumps(stamps).encode()).hexdigest()[:16]
-
-
-def run_identity(setup: Setup, *, unknown: str, reading: str) -> str:
-    """Return as text all that results depend on besides the frames; `reading` says how those are read."""
-    methods = {run.method.name: [config.values() for config in run.configs] for run in setup.runs}
-    identity = {
-        "methods": methods,
-        "geometry": setup.geometry.values(),
-        "unknown": unknown,
-        "reading": reading,
-        "save_masks": setup.save_masks,
-    }
-    return json.dumps(identity, indent=1) + "\n"

@@ -15,18 +15,19 @@ from numpy.typing import NDArray
 
 from lrtrav_ros.config import Config
 from lrtrav_ros.evaluation.scoring.ground_distances import GroundDistances
-from lrtrav_ros.evaluation.scoring.methods import Method, MethodResult
+from lrtrav_ros.evaluation.scoring.methods import Method, MethodDetection, detect_short_range
 from lrtrav_ros.evaluation.scoring.score_records import FrameRecord, FrameTimes, MethodRecord, MethodTimes
 from lrtrav_ros.evaluation.scoring.scores import count_bands, mean_scores, score, spread_of_scores
-from lrtrav_ros.evaluation.scoring.shared_stages import FrameStages
-from lrtrav_ros.evaluation.truth.labelled_sets import FrameSource, LabelledFrame
+from lrtrav_ros.evaluation.scoring.shared_stages import SharedStages
+from lrtrav_ros.evaluation.truth.labelled_sets import LabelledFrame, LabelledItem
 from lrtrav_ros.evaluation.truth.labels import apply_unknown_rule
-from lrtrav_ros.io.encodings import encode_file
+from lrtrav_ros.frame import Frame
+from lrtrav_ros.io.image_files import encode_file
 from lrtrav_ros.method.ground import NO_GROUND
 
 
 @dataclass(frozen=True, slots=True)
-class MethodRun:
+class SeededMethod:
     """A method with its configurations, one for each seed."""
 
     method: Method
@@ -35,18 +36,20 @@ class MethodRun:
 
 @dataclass(frozen=True, slots=True)
 class Setup:
-    """What is done with every frame.
+    """Work to be done on every frame.
 
     Attributes
     ----------
-    geometry
+    methods : tuple of SeededMethod
+        The methods that are compared.
+    geometry : Config
         The configuration by which distances on the ground are measured, the same for all methods: the preset
         ``robust`` on all of the disparity.
-    save_masks
+    save_masks : bool
         Whether masks are kept.
     """
 
-    runs: tuple[MethodRun, ...]
+    methods: tuple[SeededMethod, ...]
     geometry: Config
     save_masks: bool = False
 
@@ -54,9 +57,18 @@ class Setup:
 def make_setup(
     methods: Sequence[Method], values: Mapping[str, object], *, n_seeds: int, save_masks: bool = False
 ) -> Setup:
-    """Return the setup for methods whose presets are changed by `values`; a frame is computed on one thread.
+    """Return the setup for some methods; each computes a frame on one thread.
 
-    The seeds are ``clustering.seed`` and those that follow it.
+    Parameters
+    ----------
+    methods : sequence of Method
+        The methods that are compared.
+    values : mapping of str to value
+        Parameters by full name that are changed in all of their presets.
+    n_seeds : int
+        Seeds of the methods that depend on chance: ``clustering.seed`` and those that follow it.
+    save_masks : bool
+        Whether masks are kept.
 
     Raises
     ------
@@ -65,15 +77,15 @@ def make_setup(
     """
     if n_seeds < 1:
         raise ValueError(f"the number of seeds is {n_seeds}; give at least 1")
-    runs = []
+    seeded = []
     for method in methods:
         config = dataclasses.replace(method.configuration(values), threads=1)
-        runs.append(MethodRun(method, tuple(_seeded(config, n_seeds if method.is_random else 1))))
+        seeded.append(SeededMethod(method, tuple(_with_seeds(config, n_seeds if method.is_random else 1))))
     geometry = Config.preset("robust").updated({**values, "source.max_depth_m": 0.0, "threads": 1})
-    return Setup(tuple(runs), geometry, save_masks)
+    return Setup(tuple(seeded), geometry, save_masks)
 
 
-def _seeded(config: Config, n_seeds: int) -> Iterator[Config]:
+def _with_seeds(config: Config, n_seeds: int) -> Iterator[Config]:
     """Yield the configuration with its seed and those that follow."""
     first = config.clustering.seed
     for seed in range(first, first + n_seeds):
@@ -82,10 +94,24 @@ def _seeded(config: Config, n_seeds: int) -> Iterator[Config]:
 
 @dataclass(frozen=True, slots=True)
 class FrameTask:
-    """A frame to evaluate; `inputs` goes into its record."""
+    """A frame to evaluate.
+
+    Attributes
+    ----------
+    set : str
+        Name of its set.
+    item : LabelledItem
+        The frame, to be read.
+    unknown_rule : str
+        What unknown pixels count as; one of `labels.UNKNOWN_RULES`.
+    inputs : str
+        What its record says of the files that it is read from.
+    setup : Setup
+        The methods.
+    """
 
     set: str
-    source: FrameSource
+    item: LabelledItem
     unknown_rule: str
     inputs: str
     setup: Setup
@@ -101,7 +127,7 @@ class MaskFile:
 
 @dataclass(frozen=True, slots=True)
 class FrameOutcome:
-    """What is kept of a frame."""
+    """Scores, times and masks of a frame."""
 
     record: FrameRecord
     times: FrameTimes
@@ -110,56 +136,74 @@ class FrameOutcome:
 
 def evaluate_frame(task: FrameTask) -> FrameOutcome:
     """Read a frame and run all methods on it; a frame that cannot be used gives a record that says why."""
-    name = task.source.name
+    name = task.item.name
     try:
         with _one_opencv_thread():
-            return _evaluated(task, task.source.read())
+            return _evaluate(task, task.item.read())
     except (OSError, ValueError, cv2.error) as err:
         record = FrameRecord(task.set, name, (), error=" ".join(str(err).split()), inputs=task.inputs)
         return FrameOutcome(record, FrameTimes(task.set, name, ()))
 
 
-def find_all(stages: FrameStages, setup: Setup) -> Iterator[tuple[MethodRun, list[MethodResult]]]:
-    """Yield what each method finds in a frame, a result for each of its configurations."""
-    for run in setup.runs:
-        yield run, [run.method.find(stages, config) for config in run.configs]
+def detect_all(
+    frame: Frame, setup: Setup, stages: SharedStages
+) -> Iterator[tuple[SeededMethod, list[MethodDetection]]]:
+    """Yield all that each method finds in a frame.
+
+    Parameters
+    ----------
+    frame : Frame
+        The frame.
+    setup : Setup
+        The methods.
+    stages : SharedStages
+        Those of this frame.
+
+    Yields
+    ------
+    tuple of SeededMethod and list of MethodDetection
+        A method, and a detection for each of its configurations.
+    """
+    for seeded in setup.methods:
+        yield seeded, [seeded.method.find(frame, config, stages.runner()) for config in seeded.configs]
 
 
-def _evaluated(task: FrameTask, labelled: LabelledFrame) -> FrameOutcome:
-    stages = FrameStages(labelled.frame)
-    line = stages.short_range(task.setup.geometry)[0].line
+def _evaluate(task: FrameTask, labelled: LabelledFrame) -> FrameOutcome:
+    frame, name, stages = labelled.frame, task.item.name, SharedStages()
+    line = detect_short_range(frame, task.setup.geometry, stages.runner()).line
     truth = apply_unknown_rule(labelled.truth, task.unknown_rule)
-    distances = None if line is None else GroundDistances(line, labelled.frame.camera, truth.shape)
+    distances = None if line is None else GroundDistances(line, frame.camera, truth.shape)
     records, times, masks = [], [], []
-    for run, results in find_all(stages, task.setup):
-        records.append(_record(run.method.name, results, truth, distances))
-        times.append(MethodTimes(run.method.name, results[0].times))
+    for seeded, detections in detect_all(frame, task.setup, stages):
+        method = seeded.method.name
+        records.append(_record(method, detections, truth, distances))
+        times.append(MethodTimes(method, detections[0].times))
         if task.setup.save_masks:
-            masks.append(MaskFile(run.method.name, encode_file("mask.png", results[0].mask)))
-    name = task.source.name
+            masks.append(MaskFile(method, encode_file("mask.png", detections[0].mask)))
     record = FrameRecord(task.set, name, tuple(records), inputs=task.inputs)
     return FrameOutcome(record, FrameTimes(task.set, name, tuple(times)), tuple(masks))
 
 
 def _record(
-    method: str, results: Sequence[MethodResult], truth: NDArray[np.uint8], distances: GroundDistances | None
+    method: str, detections: Sequence[MethodDetection], truth: NDArray[np.uint8], distances: GroundDistances | None
 ) -> MethodRecord:
-    """Return the scores of a method's results, which differ by seed."""
-    scores = [score(result.mask, truth) for result in results]
+    """Return the scores of a method's detections, which differ by seed."""
+    masks = [detection.mask for detection in detections]
+    scores = [score(mask, truth) for mask in masks]
     record = MethodRecord(
         method,
         mean_scores(scores),
         spread_of_scores(scores) if len(scores) > 1 else None,
-        problem=NO_GROUND if results[0].short_range.line is None else "",
+        problem=NO_GROUND if detections[0].short_range.line is None else "",
         seeds=tuple(scores),
     )
     if distances is None:
         return record
-    bands = [count_bands(result.mask, truth, distances.distance_m) for result in results]
-    reach = float(np.mean([distances.reach_m(result.mask, truth) for result in results]))
-    seen = distances.reach_m(results[0].short_range.mask, truth)
+    bands = [count_bands(mask, truth, distances.distance_m) for mask in masks]
+    reach_m = float(np.mean([distances.reach_m(mask, truth) for mask in masks]))
+    seen_m = distances.reach_m(detections[0].short_range.mask, truth)
     summed = tuple(functools.reduce(operator.add, counts) for counts in zip(*bands, strict=True))
-    return dataclasses.replace(record, bands=summed, reach_m=reach, gain_m=reach - seen)
+    return dataclasses.replace(record, bands=summed, reach_m=reach_m, gain_m=reach_m - seen_m)
 
 
 @contextmanager

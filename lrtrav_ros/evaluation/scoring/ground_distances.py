@@ -1,4 +1,4 @@
-"""How far ahead the ground of each pixel is, and how far a mask reaches on it."""
+"""The distance of the ground that each pixel shows, and the distance to which a mask follows it."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lrtrav_ros.camera import StereoCamera
-from lrtrav_ros.evaluation.scoring.scores import TRAVERSABLE
+from lrtrav_ros.evaluation.truth.labels import TRAVERSABLE
 from lrtrav_ros.method.ground import GroundLine
 
 MAX_REACH_M = 100.0
@@ -17,17 +17,21 @@ _MIN_RECALL = 0.5
 
 
 class GroundDistances:
-    """Distances on the ground in an image, from its ground line.
+    """Distances on the ground in an image.
 
     Parameters
     ----------
-    shape
-        Height and width of the image.
+    line : GroundLine
+        The ground's disparity.
+    camera : StereoCamera
+        Calibration of the image.
+    shape : tuple of int
+        Height and width of the image, in pixels.
 
     Attributes
     ----------
     distance_m : (H, W) ndarray of float64
-        How far ahead the ground of each pixel is; infinite from the horizon up.
+        Distance of each pixel's ground ahead of the camera, in metres; infinite from the horizon up.
     """
 
     def __init__(self, line: GroundLine, camera: StereoCamera, shape: tuple[int, ...]) -> None:
@@ -48,6 +52,13 @@ class GroundDistances:
         Rows of the ground are followed away from the camera, from the first on which the mask finds at least half of
         what is traversable to the last before one on which it does not; each counted with two rows on either side.
         Rows without traversable pixels are passed over. What is found wrongly does not count, except in the precision.
+
+        Parameters
+        ----------
+        mask : (H, W) ndarray of uint8
+            255 traversable, 0 not.
+        truth : (H, W) ndarray of uint8
+            255 traversable, 0 not, 128 ignored.
 
         Returns
         -------

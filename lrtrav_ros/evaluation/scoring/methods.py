@@ -15,43 +15,39 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lrtrav_ros.config import Config, Value
-from lrtrav_ros.detector import StageTimes
+from lrtrav_ros.detector import Detector, LongRange, ShortRangeDetector, Stage, StageRunner, StageTimes
 from lrtrav_ros.evaluation.scoring.near_to_far import classify_superpixels
-from lrtrav_ros.evaluation.scoring.shared_stages import FrameStages, timed
-from lrtrav_ros.method.extension import extend
-from lrtrav_ros.method.ground import (
-    GROUND,
-    OBSTACLE,
-    UNKNOWN,
-    ShortRange,
-    traversable_mask,
-)
+from lrtrav_ros.frame import Frame
+from lrtrav_ros.method.features import colour_histograms, texture_histograms
+from lrtrav_ros.method.ground import GROUND, OBSTACLE, UNKNOWN, ShortRange, traversable_mask
+from lrtrav_ros.method.matching import Matcher, create_matcher
+from lrtrav_ros.method.superpixels import preemptive_slic
 
 
 @dataclass(frozen=True, slots=True)
-class MethodResult:
-    """What a method finds in a frame of (H, W) pixels.
+class MethodDetection:
+    """All that a method finds in a frame.
 
     Attributes
     ----------
-    occupancy
-        uint8 (H, W): 0 traversable, 100 not, 255 unknown.
-    short_range
+    short_range : ShortRange
         What the method starts from.
-    superpixels
-        int32 (H, W); None for a method without superpixels.
-    clusters
-        The cluster of each pixel, or the verdict of the classifier (1 ground, 0 not), int32 (H, W); None for a method
-        without superpixels.
-    times
-        In milliseconds. The training of a classifier and its verdict count as clustering.
+    long_range : LongRange or None
+        What it makes of it; of a classifier, the clusters are its verdicts, 1 ground and 0 not. None for a method that
+        ends with the short range.
+    times : StageTimes
+        Time of each stage; one that methods share counts for each of them. The training of a classifier and its verdict
+        count as clustering.
     """
 
-    occupancy: NDArray[np.uint8]
     short_range: ShortRange
-    superpixels: NDArray[np.int32] | None
-    clusters: NDArray[np.int32] | None
+    long_range: LongRange | None
     times: StageTimes
+
+    @property
+    def occupancy(self) -> NDArray[np.uint8]:
+        """The method's result, uint8 (H, W): 0 traversable, 100 not, 255 unknown."""
+        return self.short_range.occupancy if self.long_range is None else self.long_range.occupancy
 
     @property
     def mask(self) -> NDArray[np.uint8]:
@@ -61,26 +57,39 @@ class MethodResult:
 
 @dataclass(frozen=True, slots=True)
 class Method:
-    """A way to find the traversable region: its preset, what it changes there, and how it goes on from short range.
+    """A way to find the traversable region.
 
-    Attributes
+    Parameters
     ----------
-    is_random
+    name, description : str
+        As tables and the report have them.
+    preset : str
+        The configuration that it starts from; one of `config.PRESETS`.
+    find : callable
+        Runs the method on a frame, each stage by the runner that it is given.
+    settings : tuple of (str, value)
+        Parameters that make this method out of the preset, whatever else is set.
+    is_random : bool
         Its result depends on chance so much that it is run with several seeds.
-    needs_sklearn
+    needs_sklearn : bool
         It needs scikit-learn, which is an extra.
     """
 
     name: str
     description: str
     preset: str
-    find: Callable[[FrameStages, Config], MethodResult]
+    find: Callable[[Frame, Config, StageRunner], MethodDetection]
     settings: tuple[tuple[str, Value], ...] = ()
     is_random: bool = False
     needs_sklearn: bool = False
 
     def configuration(self, values: Mapping[str, object]) -> Config:
-        """Return the preset, changed first by `values` and then by what makes this method.
+        """Return the preset, changed first by parameters of the user and then by what makes this method.
+
+        Parameters
+        ----------
+        values : mapping of str to value
+            Parameters by full name.
 
         Raises
         ------
@@ -99,48 +108,65 @@ class Method:
         )
 
 
-def find_short_range(stages: FrameStages, config: Config) -> MethodResult:
-    """Return the short range and nothing beyond."""
-    short_range, times = _timed_short_range(stages, config)
-    return MethodResult(short_range.occupancy, short_range, None, None, times)
+def find_short_range(frame: Frame, config: Config, run: StageRunner) -> MethodDetection:
+    """Find the short range and nothing beyond."""
+    return MethodDetection(detect_short_range(frame, config, run), None, run.times)
 
 
-def find_by_clusters(stages: FrameStages, config: Config) -> MethodResult:
+def find_by_clusters(frame: Frame, config: Config, run: StageRunner) -> MethodDetection:
     """Extend the short range over clusters of superpixels, as `Detector` does."""
-    short_range, times = _timed_short_range(stages, config)
-    superpixels, superpixels_ms = stages.superpixels(config)
-    _, features_ms = stages.distances(config)
-    clusters, clustering_ms = stages.clusters(config)
-    occupancy, extension_ms = timed(lambda: extend(short_range.occupancy, superpixels, clusters, config.extension))
-    times = dataclasses.replace(
-        times,
-        superpixels_ms=superpixels_ms,
-        features_ms=features_ms,
-        clustering_ms=clustering_ms,
-        extension_ms=extension_ms,
-    )
-    return MethodResult(occupancy, short_range, superpixels, clusters[superpixels], times)
+    detector = Detector(config, frame.camera, matcher=_shared_matcher(config, run))
+    detection = detector.detect_frame(frame, run)
+    return MethodDetection(detection.short_range, detection.long_range, detection.times)
 
 
-def find_by_learning(stages: FrameStages, config: Config) -> MethodResult:
+def find_by_learning(frame: Frame, config: Config, run: StageRunner) -> MethodDetection:
     """Classify every superpixel by what short range says of some."""
-    short_range, times = _timed_short_range(stages, config)
-    superpixels, superpixels_ms = stages.superpixels(config)
-    histograms, features_ms = stages.histograms(config)
-    is_ground, learning_ms = timed(lambda: classify_superpixels(histograms, superpixels, short_range.occupancy))
-    verdict = is_ground[superpixels]
-    times = dataclasses.replace(
-        times, superpixels_ms=superpixels_ms, features_ms=features_ms, clustering_ms=learning_ms
-    )
-    occupancy = np.where(verdict, np.uint8(GROUND), np.uint8(OBSTACLE))
-    return MethodResult(occupancy, short_range, superpixels, verdict.astype(np.int32), times)
+    short_range, learned = _learn(frame, config, run)
+    return MethodDetection(short_range, learned, run.times)
 
 
-def find_by_learning_the_unknown(stages: FrameStages, config: Config) -> MethodResult:
+def find_by_learning_the_unknown(frame: Frame, config: Config, run: StageRunner) -> MethodDetection:
     """Classify superpixels, and keep what short range says of each pixel that it judges."""
-    learned = find_by_learning(stages, config)
-    seen = learned.short_range.occupancy
-    return dataclasses.replace(learned, occupancy=np.where(seen == UNKNOWN, learned.occupancy, seen))
+    short_range, learned = _learn(frame, config, run)
+    seen = short_range.occupancy
+    fused = dataclasses.replace(learned, occupancy=np.where(seen == UNKNOWN, learned.occupancy, seen))
+    return MethodDetection(short_range, fused, run.times)
+
+
+def detect_short_range(frame: Frame, config: Config, run: StageRunner) -> ShortRange:
+    """Return the short range of a frame.
+
+    Parameters
+    ----------
+    frame : Frame
+        The frame.
+    config : Config
+        As `ShortRangeDetector` takes it.
+    run : StageRunner
+        Runs the stages; those of one frame that share stages share the matcher as well.
+    """
+    return ShortRangeDetector(config, matcher=_shared_matcher(config, run)).detect(frame, run)
+
+
+def _shared_matcher(config: Config, run: StageRunner) -> Matcher:
+    """Return the matcher of a configuration: the same one for the same settings, for only so its results are shared."""
+    return run(Stage.MATCHING, create_matcher, config.stereo, config.elas, threads=config.n_threads)
+
+
+def _learn(frame: Frame, config: Config, run: StageRunner) -> tuple[ShortRange, LongRange]:
+    """Return the short range, and what a classifier makes of it."""
+    short_range, image = detect_short_range(frame, config, run), frame.image
+    superpixels = run(Stage.SUPERPIXELS, preemptive_slic, image, config.superpixels)
+    histograms = run(Stage.FEATURES, _histograms, image, superpixels, config.features.texture)
+    is_ground = run(Stage.CLUSTERING, classify_superpixels, histograms, superpixels, short_range.occupancy)
+    occupancy = np.where(is_ground, np.uint8(GROUND), np.uint8(OBSTACLE))[superpixels]
+    return short_range, LongRange(occupancy, superpixels, is_ground.astype(np.int32))
+
+
+def _histograms(image: NDArray[np.uint8], superpixels: NDArray[np.int32], texture: str) -> NDArray[np.float32]:
+    """Return colour and texture histograms of each superpixel, side by side."""
+    return np.hstack([colour_histograms(image, superpixels), texture_histograms(image, superpixels, texture)])
 
 
 METHODS = {
@@ -182,10 +208,15 @@ DEFAULT_METHODS = tuple(name for name in METHODS if name != "near_to_far_fused")
 def choose_methods(names: Iterable[str]) -> list[Method]:
     """Return the methods of these names.
 
+    Parameters
+    ----------
+    names : iterable of str
+        Out of `METHODS`, each once.
+
     Raises
     ------
     ValueError
-        If there is no such method, one is named twice, or scikit-learn is not installed for one that needs it.
+        If there is no such method, none is named or one twice, or scikit-learn is not installed for one that needs it.
     """
     chosen: dict[str, Method] = {}
     for name in names:
@@ -196,10 +227,6 @@ def choose_methods(names: Iterable[str]) -> list[Method]:
         if METHODS[name].needs_sklearn and find_spec("sklearn") is None:
             raise ValueError(f"{name} needs scikit-learn: install lrtrav_ros[evaluation], or leave it out of --methods")
         chosen[name] = METHODS[name]
+    if not chosen:
+        raise ValueError(f"no method is named; choose out of {', '.join(METHODS)}")
     return list(chosen.values())
-
-
-def _timed_short_range(stages: FrameStages, config: Config) -> tuple[ShortRange, StageTimes]:
-    _, matching_ms = stages.disparity(config)
-    short_range, ground_ms = stages.short_range(config)
-    return short_range, StageTimes(matching_ms=matching_ms, ground_ms=ground_ms)

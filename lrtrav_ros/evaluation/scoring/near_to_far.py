@@ -19,7 +19,7 @@ _MAX_ITERATIONS = 1000
 def classify_superpixels(
     histograms: NDArray[np.float32], superpixels: NDArray[np.int32], occupancy: NDArray[np.uint8]
 ) -> NDArray[np.bool_]:
-    """Return whether each superpixel is traversable, bool (n,), by logistic regression.
+    """Return whether each superpixel is traversable, by logistic regression.
 
     Examples are the superpixels of which short range judges some pixels, ground where more than half of those are; each
     weighs as much as it has judged pixels. With examples of one class alone all superpixels are of that class, and
@@ -27,12 +27,16 @@ def classify_superpixels(
 
     Parameters
     ----------
-    histograms
-        Features of each superpixel, (n, bins), each histogram with sum 1.
-    superpixels
-        Labels 0 .. n - 1, int32 (H, W).
-    occupancy
-        Short range, uint8 (H, W): 0 ground, 100 obstacle, 255 unknown.
+    histograms : (n, bins) ndarray of float32
+        Features of each superpixel, each histogram with sum 1.
+    superpixels : (H, W) ndarray of int32
+        Labels 0 .. n - 1.
+    occupancy : (H, W) ndarray of uint8
+        Short range: 0 ground, 100 obstacle, 255 unknown.
+
+    Returns
+    -------
+    (n,) ndarray of bool
     """
     n = len(histograms)
     ground = np.bincount(superpixels[occupancy == GROUND], minlength=n)
@@ -43,11 +47,11 @@ def classify_superpixels(
         return np.full(n, bool(labels.any()))
     # The Euclidean distance of square roots is Hellinger's: bins that are rare count as well.
     features = np.sqrt(histograms.astype(np.float64))
-    return _predicted(features, labels, examples, judged / judged[examples].mean())
+    return _train_and_predict(features, labels, examples, judged / judged[examples].mean())
 
 
 @one_blas_thread()
-def _predicted(
+def _train_and_predict(
     features: NDArray[np.float64],
     labels: NDArray[np.bool_],
     examples: NDArray[np.bool_],

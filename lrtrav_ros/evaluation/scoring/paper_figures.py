@@ -1,4 +1,4 @@
-"""What the paper reports; Lu et al., IROS 2015, section V. Unknown pixels count as not traversable there."""
+"""Figures that the paper reports; Lu et al., IROS 2015, section V. Unknown pixels count as not traversable there."""
 
 from __future__ import annotations
 

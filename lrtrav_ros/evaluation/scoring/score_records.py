@@ -1,4 +1,4 @@
-"""What an evaluation finds, as plain values that go to JSON and back.
+"""Findings of an evaluation, as plain values that go to JSON and back.
 
 `FrameRecord` and `FrameTimes` are what one frame gives, `Summary` is what all of them come to. Measured times stand
 apart from scores: those are the same in every run, these are not.
@@ -11,31 +11,36 @@ import json
 from dataclasses import dataclass
 from functools import lru_cache
 from types import UnionType
-from typing import Any, TypeVar, cast, get_args, get_origin, get_type_hints
+from typing import TYPE_CHECKING, Any, TypeVar, cast, get_args, get_origin, get_type_hints
 
 from lrtrav_ros.config import Value
 from lrtrav_ros.detector import StageTimes
 from lrtrav_ros.evaluation.scoring.scores import Counts, Scores
 
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
 
 @dataclass(frozen=True, slots=True)
 class MethodRecord:
-    """What one method gave on one frame.
+    """Scores of one method on one frame.
 
     Attributes
     ----------
-    scores
+    method : str
+        Its name.
+    scores : Scores
         Means over the seeds, for a method that is run with several.
-    spread
+    spread : Scores or None
         Standard deviations over the seeds; None for a method that has one result.
-    bands
+    bands : tuple of Counts
         Pixel counts of each of `scores.DISTANCE_BANDS`; empty where no ground line gives distances.
-    reach_m, gain_m
+    reach_m, gain_m : float or None
         How far ahead the mask reaches, and how much farther than the short range of the same preset; None where no
         ground line gives distances.
-    problem
+    problem : str
         What gave up, such as ``no ground line found``; the mask is scored all the same.
-    seeds
+    seeds : tuple of Scores
         The scores of each seed; those of `scores` alone for a method that has one result.
     """
 
@@ -51,14 +56,18 @@ class MethodRecord:
 
 @dataclass(frozen=True, slots=True)
 class FrameRecord:
-    """What all methods gave on one frame.
+    """Scores of all methods on one frame.
 
     Attributes
     ----------
-    methods
-        None where the frame could not be used, and `error` says why.
-    inputs
-        Tells whether the files that the frame was read from are the same.
+    set, frame : str
+        Names of the set and of the frame.
+    methods : tuple of MethodRecord
+        Empty where the frame could not be used.
+    error : str
+        Why it could not; empty where it could.
+    inputs : str
+        A digest of the files that the frame was read from, by which a change of them is noticed.
     """
 
     set: str
@@ -87,7 +96,7 @@ class FrameTimes:
 
 @dataclass(frozen=True, slots=True)
 class PaperScores:
-    """What the paper reports for a set or for the mean of its sets; None where it does not say."""
+    """Scores that the paper reports for a set or for the mean of its sets; None where it does not say."""
 
     rmse: float
     precision: float | None = None
@@ -95,26 +104,28 @@ class PaperScores:
 
 
 @dataclass(frozen=True, slots=True)
-class Result:
+class TableRow:
     """A row of the table: one method on one set, or the means over the sets.
 
     Attributes
     ----------
-    set
+    set : str
         Name of the set; `MEAN` for the means over the sets.
-    n_frames
+    method : str
+        Name of the method.
+    n_frames : int
         Frames that were scored.
-    scores
+    scores : Scores
         Means over the frames.
-    spread
+    spread : Scores or None
         Standard deviations of those means over the seeds; None for a method that has one result.
-    bands
+    bands : tuple of (Scores or None)
         Scores in each of `scores.DISTANCE_BANDS`, all frames' pixels taken together; None for a band without pixels.
-    reach_m, gain_m
+    reach_m, gain_m : float or None
         Means over the frames that have them; None where none has.
-    gave_up
+    gave_up : tuple of str
         Names of the frames where a stage gave up, SET/FRAME in the means.
-    paper
+    paper : PaperScores or None
         The paper's own row.
     """
 
@@ -144,12 +155,20 @@ class FrameError:
 
 @dataclass(frozen=True, slots=True)
 class SetSummary:
-    """A set: where it lies, its frames with truth, and those that failed or have no truth.
+    """A set, and which of its frames could be scored.
 
     Attributes
     ----------
-    unknown
-        What unknown pixels of the truth count as: ``ignore`` or ``not-traversable``.
+    name, path : str
+        Its name in the results, and where it lies.
+    n_frames : int
+        Its frames with truth.
+    errors : tuple of FrameError
+        Those of them that could not be used.
+    n_without_truth : int
+        Frames beside them that have no truth.
+    unknown : str
+        What unknown pixels of the truth count as; one of `labels.UNKNOWN_RULES`.
     """
 
     name: str
@@ -171,35 +190,52 @@ class MethodSummary:
 
 @dataclass(frozen=True, slots=True)
 class Summary:
-    """What an evaluation comes to.
+    """Results of an evaluation: methods x sets.
 
     Attributes
     ----------
-    results
+    sets : tuple of SetSummary
+        The sets.
+    methods : tuple of MethodSummary
+        The methods.
+    results : tuple of TableRow
         One for each set and method, in the order of sets, then methods.
-    means
+    means : tuple of TableRow
         One for each method: means over the sets, each set with the same weight. The same as `results` for one set.
-    seeds
+    seeds : tuple of int
         Seeds of the methods that are run with several.
     """
 
     sets: tuple[SetSummary, ...]
     methods: tuple[MethodSummary, ...]
-    results: tuple[Result, ...]
-    means: tuple[Result, ...]
+    results: tuple[TableRow, ...]
+    means: tuple[TableRow, ...]
     seeds: tuple[int, ...]
 
 
-Record = TypeVar("Record", FrameRecord, FrameTimes, Summary)
+Record = TypeVar("Record")
 
 
-def to_json(record: FrameRecord | FrameTimes | Summary) -> str:
-    """Return a record as JSON text, one indented line a value, the same text for the same values."""
+def to_json(record: DataclassInstance) -> str:
+    """Return a record, a dataclass of this kind, as JSON text: an indented line a value, the same for the same values.
+
+    Parameters
+    ----------
+    record : dataclass instance
+        Of numbers, texts, tuples, dicts by text, and such dataclasses.
+    """
     return json.dumps(dataclasses.asdict(record), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
 
 
 def from_json(kind: type[Record], text: str) -> Record:
-    """Return what `to_json` wrote.
+    """Return the record that `to_json` wrote.
+
+    Parameters
+    ----------
+    kind : type
+        The dataclass.
+    text : str
+        The JSON.
 
     Raises
     ------
@@ -207,7 +243,7 @@ def from_json(kind: type[Record], text: str) -> Record:
         If `text` is no JSON, or not of this `kind`.
     """
     try:
-        return cast(Record, _decoded(kind, json.loads(text)))
+        return cast(Record, _decode(kind, json.loads(text)))
     except (KeyError, TypeError, AttributeError) as err:
         raise ValueError(f"is no {kind.__name__} ({err!r})") from err
 
@@ -219,13 +255,15 @@ def _fields(kind: Any) -> list[tuple[str, Any]]:
     return [(item.name, hints[item.name]) for item in dataclasses.fields(kind)]
 
 
-def _decoded(kind: Any, value: Any) -> Any:
+def _decode(kind: Any, value: Any) -> Any:
     """Return a value out of JSON as the type that an annotation names."""
     if dataclasses.is_dataclass(kind):
-        return cast(Any, kind)(**{name: _decoded(hint, value[name]) for name, hint in _fields(cast(Any, kind))})
+        return cast(Any, kind)(**{name: _decode(hint, value[name]) for name, hint in _fields(cast(Any, kind))})
     if get_origin(kind) is tuple:
-        return tuple(_decoded(get_args(kind)[0], item) for item in value)
+        return tuple(_decode(get_args(kind)[0], item) for item in value)
+    if get_origin(kind) is dict:
+        return {name: _decode(get_args(kind)[1], item) for name, item in value.items()}
     optional = [option for option in get_args(kind) if option is not type(None)]
     if get_origin(kind) is UnionType and len(optional) == 1:
-        return None if value is None else _decoded(optional[0], value)
+        return None if value is None else _decode(optional[0], value)
     return value

@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-TRAVERSABLE = 255
-IGNORED = 128
+from lrtrav_ros.evaluation.truth.labels import IGNORED, TRAVERSABLE
 
 DISTANCE_BANDS: tuple[tuple[float, float], ...] = ((0, 5), (5, 10), (10, 20), (20, 40), (40, math.inf))
 """Nearest (inclusive) and farthest (exclusive) distance on the ground of each band, in metres."""
@@ -19,15 +18,15 @@ DISTANCE_BANDS: tuple[tuple[float, float], ...] = ((0, 5), (5, 10), (10, 20), (2
 
 @dataclass(frozen=True, slots=True)
 class Scores:
-    """How well a mask agrees with the truth.
+    """Scores of how well a mask agrees with the truth.
 
     Attributes
     ----------
-    precision
+    precision : float
         Share of what was found that is traversable; 0 where nothing was found, so that this is never rewarded.
-    recall
+    recall : float
         Share of what is traversable that was found; 1 where nothing is.
-    rmse
+    rmse : float
         Root of the share of pixels that differ.
     """
 
@@ -38,7 +37,15 @@ class Scores:
 
 @dataclass(frozen=True, slots=True)
 class Counts:
-    """Numbers of pixels: all that count, those found, those traversable, and those that are both."""
+    """Numbers of pixels.
+
+    Attributes
+    ----------
+    n_pixels : int
+        All that count.
+    n_found, n_traversable, n_hits : int
+        Those that the mask has, those that are traversable, and those that are both.
+    """
 
     n_pixels: int
     n_found: int
@@ -65,17 +72,21 @@ class Counts:
 
 
 def count(mask: NDArray[np.uint8], truth: NDArray[np.uint8], where: NDArray[np.bool_] | None = None) -> Counts:
-    """Count the pixels of a mask (255 traversable, 0 not) that the truth does not ignore, within `where`.
+    """Count the pixels of a mask that the truth does not ignore.
 
     Parameters
     ----------
-    truth
-        uint8 (H, W): 255 traversable, 0 not, 128 ignored.
+    mask : (H, W) ndarray of uint8
+        255 traversable, 0 not.
+    truth : (H, W) ndarray of uint8
+        255 traversable, 0 not, 128 ignored.
+    where : (H, W) ndarray of bool, optional
+        Pixels that are counted; all where it is not given.
 
     Raises
     ------
     ValueError
-        If the two differ in size.
+        If mask and truth differ in size.
     """
     if mask.shape != truth.shape:
         raise ValueError(f"mask is {mask.shape}, ground truth {truth.shape}; give images of one size")
@@ -92,17 +103,32 @@ def count(mask: NDArray[np.uint8], truth: NDArray[np.uint8], where: NDArray[np.b
 def count_bands(
     mask: NDArray[np.uint8], truth: NDArray[np.uint8], distance_m: NDArray[np.float64]
 ) -> tuple[Counts, ...]:
-    """Count as `count` does in each of `DISTANCE_BANDS`; pixels above the horizon, infinitely far, are in none."""
+    """Count the pixels of a mask in each of `DISTANCE_BANDS`.
+
+    Parameters
+    ----------
+    mask, truth : (H, W) ndarray of uint8
+        As `count` takes them.
+    distance_m : (H, W) ndarray of float64
+        Distance of each pixel's ground in metres; infinite above the horizon, which is in no band.
+
+    Raises
+    ------
+    ValueError
+        If mask and truth differ in size.
+    """
     return tuple(count(mask, truth, (near <= distance_m) & (distance_m < far)) for near, far in DISTANCE_BANDS)
 
 
 def score(mask: NDArray[np.uint8], truth: NDArray[np.uint8]) -> Scores:
-    """Score a mask (255 traversable, 0 not) on the pixels that the truth does not ignore.
+    """Score a mask on the pixels that the truth does not ignore.
 
     Parameters
     ----------
-    truth
-        uint8 (H, W): 255 traversable, 0 not, 128 ignored.
+    mask : (H, W) ndarray of uint8
+        255 traversable, 0 not.
+    truth : (H, W) ndarray of uint8
+        255 traversable, 0 not, 128 ignored.
 
     Raises
     ------
@@ -114,15 +140,15 @@ def score(mask: NDArray[np.uint8], truth: NDArray[np.uint8]) -> Scores:
 
 def mean_scores(scores: Sequence[Scores]) -> Scores:
     """Return the means of each score; ValueError where there are none."""
-    return _of_each(scores, np.mean)
+    return _each_score(scores, np.mean)
 
 
 def spread_of_scores(scores: Sequence[Scores]) -> Scores:
     """Return the standard deviations of each score; ValueError where there are none."""
-    return _of_each(scores, np.std)
+    return _each_score(scores, np.std)
 
 
-def _of_each(scores: Sequence[Scores], statistic: Callable[[list[float]], np.floating[Any]]) -> Scores:
+def _each_score(scores: Sequence[Scores], statistic: Callable[[list[float]], np.floating[Any]]) -> Scores:
     if not scores:
         raise ValueError(f"there are no scores to take the {statistic.__name__} of")
     return Scores(

@@ -1,93 +1,75 @@
-"""The stages of one frame, computed once for all the methods that share them."""
+"""Stages of one frame, run once for all the methods that share them."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Hashable
-from typing import Any, TypeAlias, TypeVar
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from itertools import chain
+from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
-from lrtrav_ros.config import Config
-from lrtrav_ros.detector import Detector
-from lrtrav_ros.io.dataset_folder import Frame
-from lrtrav_ros.method.clustering import spectral_clusters
-from lrtrav_ros.method.features import colour_histograms, superpixel_distances, texture_histograms
-from lrtrav_ros.method.ground import ShortRange
-from lrtrav_ros.method.superpixels import preemptive_slic
+from lrtrav_ros.detector import Stage, StageRunner
 
-Value = TypeVar("Value")
-Timed: TypeAlias = tuple[Value, float]
-"""A stage's result, and the milliseconds that it took when it was computed."""
+_P = ParamSpec("_P")
+_R = TypeVar("_R")
 
 
-class FrameStages:
-    """What the stages of the method give on a frame; each is computed once for each of its settings.
+class SharedStages:
+    """Remembers what the stages gave on one frame, and how long they took.
 
-    Every method here takes the whole configuration, and returns the result with the time in milliseconds.
+    Arguments are compared by value, arrays too; so nothing that a stage takes or returns may be changed afterwards.
     """
 
-    def __init__(self, frame: Frame) -> None:
-        self.frame = frame
-        self._done: dict[Hashable, Timed[Any]] = {}
+    def __init__(self) -> None:
+        self._calls: dict[tuple[Stage, Callable[..., Any]], list[_Call]] = {}
 
-    def disparity(self, config: Config) -> Timed[NDArray[np.float32]]:
-        """Return the disparity, matched, computed from depth or as the frame brings it, however far it goes."""
-        return self._once(("disparity", config.stereo, config.elas), lambda: self._match(config))
+    def runner(self) -> StageRunner:
+        """Return a runner for one method: a stage that ran before, for whichever method, counts with its time then."""
+        return _SharingRunner(self)
 
-    def short_range(self, config: Config) -> Timed[ShortRange]:
-        """Return ground and obstacles in the range of stereo."""
-        disparity, _ = self.disparity(config)
-        from_depth = self.frame.depth_m is not None
-        detector = Detector(config, self.frame.camera)
-        return self._once(
-            ("ground", config.ground, config.source, config.stereo, config.elas),
-            lambda: detector.short_range(disparity, from_depth=from_depth),
-        )
-
-    def superpixels(self, config: Config) -> Timed[NDArray[np.int32]]:
-        """Return the label of each pixel."""
-        return self._once(config.superpixels, lambda: preemptive_slic(self.frame.left, config.superpixels))
-
-    def histograms(self, config: Config) -> Timed[NDArray[np.float32]]:
-        """Return colour and texture histograms of each superpixel, side by side."""
-        superpixels, _ = self.superpixels(config)
-        left, texture = self.frame.left, config.features.texture
-        return self._once(
-            ("histograms", config.superpixels, texture),
-            lambda: np.hstack([colour_histograms(left, superpixels), texture_histograms(left, superpixels, texture)]),
-        )
-
-    def distances(self, config: Config) -> Timed[NDArray[np.float64]]:
-        """Return the distance of each superpixel to each."""
-        superpixels, _ = self.superpixels(config)
-        return self._once(
-            ("distances", config.superpixels, config.features),
-            lambda: superpixel_distances(self.frame.left, superpixels, config.features),
-        )
-
-    def clusters(self, config: Config) -> Timed[NDArray[np.int32]]:
-        """Return the cluster of each superpixel."""
-        distances, _ = self.distances(config)
-        return self._once(
-            ("clusters", config.superpixels, config.features, config.clustering),
-            lambda: spectral_clusters(distances, config.clustering),
-        )
-
-    def _match(self, config: Config) -> NDArray[np.float32]:
-        frame = self.frame
-        detector = Detector(config.updated({"source.max_depth_m": 0.0}), frame.camera)
-        return detector.disparity_of(frame.left, frame.right, disparity=frame.disparity, depth_m=frame.depth_m)
-
-    def _once(self, key: Hashable, compute: Callable[[], Value]) -> Timed[Value]:
-        if key not in self._done:
-            self._done[key] = timed(compute)
-        return self._done[key]
+    def call(self, stage: Stage, function: Callable[_P, _R], *args: _P.args, **kwargs: _P.kwargs) -> tuple[_R, float]:
+        """Return what `function` returns, and the milliseconds that it took when it was called."""
+        calls = self._calls.setdefault((stage, function), [])
+        arguments = [*args, *chain.from_iterable(sorted(kwargs.items()))]
+        for call in calls:
+            if call.has(arguments):
+                return call.result, call.time_ms
+        start = time.perf_counter()
+        result = function(*args, **kwargs)
+        time_ms = (time.perf_counter() - start) * 1e3
+        calls.append(_Call(arguments, result, time_ms))
+        return result, time_ms
 
 
-def timed(compute: Callable[[], Value]) -> Timed[Value]:
-    """Return what `compute` returns, and the milliseconds that it took."""
-    start = time.perf_counter()
-    value = compute()
-    return value, (time.perf_counter() - start) * 1e3
+class _SharingRunner(StageRunner):
+    """Runs the stages for one method."""
+
+    def __init__(self, stages: SharedStages) -> None:
+        super().__init__()
+        self._stages = stages
+
+    def __call__(self, stage: Stage, function: Callable[_P, _R], *args: _P.args, **kwargs: _P.kwargs) -> _R:
+        result, time_ms = self._stages.call(stage, function, *args, **kwargs)
+        self._times_ms[stage] += time_ms
+        return result
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Call:
+    """A call that was made; keywords are among its arguments."""
+
+    arguments: Sequence[Any]
+    result: Any
+    time_ms: float
+
+    def has(self, arguments: Sequence[Any]) -> bool:
+        """Return whether the arguments are the same; settings, which come last, are compared before images."""
+        return len(arguments) == len(self.arguments) and all(map(_same, reversed(arguments), reversed(self.arguments)))
+
+
+def _same(one: Any, other: Any) -> bool:
+    if isinstance(one, np.ndarray) and isinstance(other, np.ndarray):
+        return one is other or (one.dtype == other.dtype and np.array_equal(one, other))
+    return bool(type(one) is type(other) and one == other)

@@ -1,4 +1,4 @@
-"""Comparing the choices of one setting, which the paper only summarises."""
+"""Studies: the choices of one setting, compared in full, of which the paper only gives a summary."""
 
 from __future__ import annotations
 
@@ -8,10 +8,18 @@ from lrtrav_ros.config import find_parameter
 from lrtrav_ros.evaluation.scoring.methods import Method, find_by_clusters
 
 STUDIES = {"texture": "features.texture", "distance": "features.distance"}
+"""The parameter of each study."""
 
 
 def study_methods(methods: Iterable[Method], study: str) -> list[Method]:
-    """Return each method with each choice of the parameter that `STUDIES` names.
+    """Return each method with each choice of a parameter.
+
+    Parameters
+    ----------
+    methods : iterable of Method
+        Methods that cluster superpixels.
+    study : str
+        Out of `STUDIES`.
 
     Raises
     ------

@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from lrtrav_ros.evaluation.scoring.frame_evaluation import Setup
+from lrtrav_ros.evaluation.scoring.frame_evaluation import SeededMethod, Setup
 from lrtrav_ros.evaluation.scoring.paper_figures import paper_mean, paper_scores
 from lrtrav_ros.evaluation.scoring.score_records import (
     MEAN,
@@ -16,9 +16,9 @@ from lrtrav_ros.evaluation.scoring.score_records import (
     FrameRecord,
     MethodRecord,
     MethodSummary,
-    Result,
     SetSummary,
     Summary,
+    TableRow,
 )
 from lrtrav_ros.evaluation.scoring.scores import (
     DISTANCE_BANDS,
@@ -31,34 +31,38 @@ from lrtrav_ros.evaluation.truth.opening import NamedSet
 
 
 def summarise(sets: Sequence[NamedSet], records: Sequence[FrameRecord], setup: Setup, unknown: str) -> Summary:
-    """Return what the records of all frames come to.
+    """Return the table that the records of all frames come to, and what it is of.
 
     Parameters
     ----------
-    unknown
-        The rule for unknown pixels; an empty text for that of each set.
+    sets : sequence of NamedSet
+        The sets, in the order of the table.
+    records : sequence of FrameRecord
+        The records of all of their frames.
+    setup : Setup
+        The methods.
+    unknown : str
+        The rule for unknown pixels; empty for that of each set.
     """
-    methods = [run.method.name for run in setup.runs]
+    methods = [seeded.method.name for seeded in setup.methods]
     results, means = [], []
     for method in methods:
-        of_method = [_SetRecords(item.name, method, records) for item in sets]
-        of_method = [item for item in of_method if item.records]
-        results += [item.result() for item in of_method]
-        if of_method:
-            means.append(_mean(of_method))
+        on_sets = [_MethodOnSet(item.name, method, records) for item in sets]
+        on_sets = [item for item in on_sets if item.records]
+        results += [item.row() for item in on_sets]
+        if on_sets:
+            means.append(_mean_row(on_sets))
     order = {item.name: i for i, item in enumerate(sets)}
     return Summary(
         sets=tuple(_set_summary(item, records, unknown) for item in sets),
-        methods=tuple(
-            MethodSummary(run.method.name, run.method.description, run.configs[0].values()) for run in setup.runs
-        ),
+        methods=tuple(map(_method_summary, setup.methods)),
         results=tuple(sorted(results, key=lambda result: order[result.set])),
         means=tuple(means),
-        seeds=max((tuple(config.clustering.seed for config in run.configs) for run in setup.runs), key=len, default=()),
+        seeds=max(map(_seeds, setup.methods), key=len, default=()),
     )
 
 
-class _SetRecords:
+class _MethodOnSet:
     """The records of one method on one set."""
 
     def __init__(self, name: str, method: str, records: Sequence[FrameRecord]) -> None:
@@ -90,9 +94,9 @@ class _SetRecords:
         """The frames where a stage gave up."""
         return [frame for frame, record in zip(self.frames, self.records, strict=True) if record.problem]
 
-    def result(self) -> Result:
+    def row(self) -> TableRow:
         """Return this row of the table."""
-        return Result(
+        return TableRow(
             set=self.set,
             method=self.method,
             n_frames=len(self.records),
@@ -106,11 +110,11 @@ class _SetRecords:
         )
 
 
-def _mean(sets: Sequence[_SetRecords]) -> Result:
+def _mean_row(sets: Sequence[_MethodOnSet]) -> TableRow:
     """Return the means of a method over the sets."""
-    rows = [item.result() for item in sets]
+    rows = [item.row() for item in sets]
     pooled = [item.bands for item in sets if item.bands]
-    return Result(
+    return TableRow(
         set=MEAN,
         method=rows[0].method,
         n_frames=sum(row.n_frames for row in rows),
@@ -134,11 +138,19 @@ def _band_scores(bands: tuple[Counts, ...]) -> tuple[Scores | None, ...]:
 
 
 def _mean_of(
-    rows: Sequence[MethodRecord] | Sequence[Result], value: Callable[[MethodRecord | Result], float | None]
+    rows: Sequence[MethodRecord] | Sequence[TableRow], value: Callable[[MethodRecord | TableRow], float | None]
 ) -> float | None:
     """Return the mean of a value over the rows that have it; None where none has."""
     values = [number for number in map(value, rows) if number is not None]
     return float(np.mean(values)) if values else None
+
+
+def _method_summary(seeded: SeededMethod) -> MethodSummary:
+    return MethodSummary(seeded.method.name, seeded.method.description, seeded.configs[0].values())
+
+
+def _seeds(seeded: SeededMethod) -> tuple[int, ...]:
+    return tuple(config.clustering.seed for config in seeded.configs)
 
 
 def _set_summary(item: NamedSet, records: Sequence[FrameRecord], unknown: str) -> SetSummary:

@@ -11,43 +11,53 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lrtrav_ros.config import SourceConfig
-from lrtrav_ros.evaluation.truth.labelled_sets import FrameSource, LabelledFrame
+from lrtrav_ros.evaluation.truth.labelled_sets import LabelledFrame, LabelledItem
 from lrtrav_ros.evaluation.truth.labels import Labels, decode_truth
-from lrtrav_ros.io.dataset_folder import FolderDataset, Frame
-from lrtrav_ros.io.encodings import read_image
-from lrtrav_ros.io.recording import FrameFile, open_sequence
+from lrtrav_ros.frame import Frame
+from lrtrav_ros.io.bag_frames import UnusableFrame
+from lrtrav_ros.io.dataset_folder import DatasetFolder, FrameFile
+from lrtrav_ros.io.image_files import read_image
+from lrtrav_ros.io.recording import open_recording
 
 _FOLDERS = ("left", "right", "disparity", "depth", "calib", "gt")
 
 
 class LabelledFolder:
-    """A dataset folder with ``gt/NAME.png``.
+    """A dataset folder with ``gt/NAME.png``; a `LabelledSet`.
+
+    Parameters
+    ----------
+    path : Path
+        The folder.
+    labels : Labels
+        Values of the truth.
+    source : str
+        Which input frames carry where the folder holds several; see `DatasetFolder`.
 
     Raises
     ------
     OSError, ValueError
-        If `FolderDataset` refuses it.
+        If `DatasetFolder` refuses it.
     """
 
     unknown_rule = "ignore"
 
     def __init__(self, path: Path, *, labels: Labels, source: str) -> None:
         self.path = path
-        self._dataset = FolderDataset(path, source=source)
+        self._dataset = DatasetFolder(path, source=source)
         self._labels = labels
         self.names = sorted(file.stem for file in (path / "gt").glob("*.png"))
+        self.n_without_truth = len(set(self._dataset.names) - set(self.names))
         self._files: dict[str, list[Path]] = {}
         for file in sorted(file for folder in _FOLDERS for file in (path / folder).glob("*")):
             self._files.setdefault(file.stem, []).append(file)
         self._opened_ns = time.time_ns()
 
-        self.n_without_truth = len(set(self._dataset.names) - set(self.names))
-
     def files(self, name: str) -> list[Path]:
         """Return the files that a frame may be read from."""
         return [*self._files[name], self.path / "calib.json"]
 
-    def sources(self, names: Collection[str]) -> Iterator[FrameSource]:
+    def items(self, names: Collection[str]) -> Iterator[LabelledItem]:
         """Yield the frames of these names."""
         folder = self.path.absolute()
         for name in sorted(names):
@@ -70,12 +80,23 @@ class _FolderFrame:
 
 
 class LabelledBag:
-    """A rosbag whose frames have ground truth in a folder, NAME.png, named by their header stamps in nanoseconds.
+    """A rosbag whose frames have ground truth in a folder; a `LabelledSet`.
+
+    Parameters
+    ----------
+    path : Path
+        The bag.
+    truth : Path
+        Folder with ``NAME.png`` for each frame, named by its header stamp in nanoseconds.
+    labels : Labels
+        Values of the truth.
+    source : SourceConfig
+        How the bag is read.
 
     Raises
     ------
-    OSError, ValueError
-        If there is no such folder, or no image in it.
+    ValueError
+        If there is no image in the folder.
     """
 
     unknown_rule = "ignore"
@@ -95,17 +116,17 @@ class LabelledBag:
         bag = sorted(self.path.rglob("*")) if self.path.is_dir() else [self.path]
         return [*bag, self._truth[name]]
 
-    def sources(self, names: Collection[str]) -> Iterator[FrameSource]:
+    def items(self, names: Collection[str]) -> Iterator[LabelledItem]:
         """Yield the frames of these names; those that the bag does not hold fail when they are read."""
         missing = dict.fromkeys(names, f"{self.path} has no such frame")
         try:
-            with open_sequence(self.path, self._source) as sequence:
-                for item in sequence.items():
+            with open_recording(self.path, self._source) as recording:
+                for item in recording.items():
                     if isinstance(item, Frame) and item.name in missing:
                         del missing[item.name]
                         yield _BagFrame(item, self._truth[item.name], self._labels)
-                    elif not isinstance(item, Frame) and item.name in missing:
-                        missing[item.name] = getattr(item, "problem", missing[item.name])
+                    elif isinstance(item, UnusableFrame) and item.name in missing:
+                        missing[item.name] = item.problem
         except ValueError as err:  # of a bag that breaks off
             missing = dict.fromkeys(missing, str(err))
         for name, problem in missing.items():
@@ -136,7 +157,19 @@ class _MissingFrame:
 
 
 def read_truth(path: Path, labels: Labels) -> NDArray[np.uint8]:
-    """Read a ground-truth image: uint8 (H, W), 255 traversable, 0 not, 128 unknown.
+    """Read a ground-truth image.
+
+    Parameters
+    ----------
+    path : Path
+        PNG of one channel.
+    labels : Labels
+        Its values.
+
+    Returns
+    -------
+    (H, W) ndarray of uint8
+        255 traversable, 0 not, 128 unknown.
 
     Raises
     ------

@@ -15,14 +15,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lrtrav_ros.camera import StereoCamera
-from lrtrav_ros.evaluation.scoring.scores import IGNORED, TRAVERSABLE
-from lrtrav_ros.evaluation.truth.labelled_sets import FrameSource, LabelledFrame
-from lrtrav_ros.io.dataset_folder import Frame
-from lrtrav_ros.io.encodings import as_8bit, read_image
+from lrtrav_ros.evaluation.truth.labelled_sets import LabelledFrame, LabelledItem
+from lrtrav_ros.evaluation.truth.labels import IGNORED, NOT_TRAVERSABLE, TRAVERSABLE
+from lrtrav_ros.frame import Frame
+from lrtrav_ros.io.image_files import read_image
 
 
 class KittiRoad:
-    """KITTI Road's frames with truth."""
+    """KITTI Road's frames with truth; a `LabelledSet`.
+
+    Parameters
+    ----------
+    path : Path
+        The folder, or the one that holds its ``training/``.
+    """
 
     unknown_rule = "ignore"
 
@@ -43,7 +49,7 @@ class KittiRoad:
         """Return the files of a frame."""
         return _KittiFrame(self._folder, name).files
 
-    def sources(self, names: Collection[str]) -> Iterator[FrameSource]:
+    def items(self, names: Collection[str]) -> Iterator[LabelledItem]:
         """Yield the frames of these names."""
         for name in sorted(names):
             yield _KittiFrame(self._folder.absolute(), name)
@@ -66,24 +72,30 @@ class _KittiFrame:
         ]
 
     def read(self) -> LabelledFrame:
+        """Read images, calibration and truth."""
         left, right, calibration, truth = self.files
-        image = read_image(left)
-        frame = Frame(
-            name=self.name,
-            left=as_8bit(image),
-            right=as_8bit(read_image(right), like=image),
-            camera=read_calibration(calibration),
-        )
+        camera = read_calibration(calibration)
+        frame = Frame(name=self.name, camera=camera, left=read_image(left), right=read_image(right))
         return LabelledFrame(frame, _read_truth(truth))
 
 
 def read_calibration(path: Path) -> StereoCamera:
-    """Return the camera of the projection matrices P2 and P3 of a calibration file.
+    """Read the camera from the projection matrices P2 and P3 of a calibration file.
+
+    Parameters
+    ----------
+    path : Path
+        Text file with a line ``P2: `` and 12 numbers for each camera.
+
+    Returns
+    -------
+    StereoCamera
+        The colour cameras; the file does not say the images' size.
 
     Raises
     ------
     OSError, ValueError
-        If the file cannot be read or one of the matrices is not in it.
+        If the file cannot be read, or one of the matrices is not in it.
     """
     matrices = {}
     for line in path.read_text(encoding="utf-8", errors="replace").splitlines():
@@ -110,6 +122,6 @@ def _read_truth(path: Path) -> NDArray[np.uint8]:
     image = read_image(path)
     if image.ndim != 3 or image.dtype != np.uint8:
         raise ValueError(f"{path}: has shape {image.shape} and type {image.dtype}; give a colour image of 8 bits")
-    truth = np.where(image[..., 2] > 0, np.uint8(0), np.uint8(IGNORED))
+    truth = np.where(image[..., 2] > 0, np.uint8(NOT_TRAVERSABLE), np.uint8(IGNORED))
     truth[image[..., 0] > 0] = TRAVERSABLE
     return truth

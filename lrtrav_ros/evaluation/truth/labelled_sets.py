@@ -1,4 +1,4 @@
-"""What a set of frames with ground truth is, in whatever layout it lies on the disk."""
+"""A set of frames with ground truth, whatever its layout on the disk."""
 
 from __future__ import annotations
 
@@ -10,12 +10,19 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from lrtrav_ros.io.dataset_folder import Frame
+from lrtrav_ros.frame import Frame
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LabelledFrame:
-    """A frame and its truth, uint8 (H, W): 255 traversable, 0 not, 128 unknown.
+    """A frame and its truth.
+
+    Parameters
+    ----------
+    frame : Frame
+        What the camera saw.
+    truth : (H, W) ndarray of uint8
+        255 traversable, 0 not, 128 unknown.
 
     Raises
     ------
@@ -27,15 +34,13 @@ class LabelledFrame:
     truth: NDArray[np.uint8]
 
     def __post_init__(self) -> None:
-        if self.truth.shape != self.frame.left.shape[:2]:
-            (height, width), (rows, columns) = self.truth.shape, self.frame.left.shape[:2]
-            raise ValueError(
-                f"ground truth is {width} x {height} pixels, the left image {columns} x {rows}; give images of one size"
-            )
+        if self.truth.shape != self.frame.shape:
+            size, wanted = (f"{shape[1]} x {shape[0]}" for shape in (self.truth.shape, self.frame.shape))
+            raise ValueError(f"the ground truth is {size} pixels, but the frame is {wanted}; give images of one size")
 
 
-class FrameSource(Protocol):
-    """A frame with truth that is perhaps not read yet: it goes to the process that will."""
+class LabelledItem(Protocol):
+    """A frame of a set, which perhaps has yet to be read, by whichever process evaluates it."""
 
     @property
     def name(self) -> str:
@@ -50,7 +55,7 @@ class LabelledSet(Protocol):
 
     @property
     def path(self) -> Path:
-        """Where it lies."""
+        """Folder or file that the set was opened from."""
 
     @property
     def names(self) -> list[str]:
@@ -62,10 +67,10 @@ class LabelledSet(Protocol):
 
     @property
     def unknown_rule(self) -> str:
-        """What unknown pixels count as where nothing else is asked for; see `truth.UNKNOWN_RULES`."""
+        """The rule for unknown pixels where nothing else is asked for; one of `labels.UNKNOWN_RULES`."""
 
     def files(self, name: str) -> list[Path]:
         """Return the files that a frame is read from."""
 
-    def sources(self, names: Collection[str]) -> Iterator[FrameSource]:
+    def items(self, names: Collection[str]) -> Iterator[LabelledItem]:
         """Yield the frames of these names, each once."""

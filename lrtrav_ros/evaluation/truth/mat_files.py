@@ -20,33 +20,41 @@ from numpy.typing import NDArray
 from scipy.io import loadmat
 from scipy.io.matlab import MatReadError
 
-from lrtrav_ros.evaluation.truth.labelled_sets import FrameSource, LabelledFrame
+from lrtrav_ros.evaluation.truth.labelled_sets import LabelledFrame, LabelledItem
 from lrtrav_ros.evaluation.truth.labels import Labels, decode_truth
-from lrtrav_ros.io.dataset_folder import SOURCES, Frame, read_camera
-from lrtrav_ros.io.encodings import as_8bit
+from lrtrav_ros.frame import SOURCES, Frame
+from lrtrav_ros.io.dataset_folder import read_camera
 
 LAGR_LABELS = Labels(traversable=0, not_traversable=1, unknown=2)
+"""Values of the truth in the LAGR files."""
 
 
 @dataclass(frozen=True, slots=True)
 class MatFields:
-    """How frames lie in a file: names of arrays (``STRUCT.FIELD`` for those in a struct), and how to read them.
+    """Names of a frame's arrays in a file (``STRUCT.FIELD`` for those in a struct), and how to read them.
 
     The defaults of `image`, `truth` and `layout` are those of the LAGR files; those of `right`, `disparity` and `depth`
-    are placeholders.
+    are placeholders. `describe` lists what a file holds.
 
-    Attributes
+    Parameters
     ----------
-    image, right
-        Left and right image, grey or RGB.
-    disparity
+    image, right : str
+        Left and right image: grey or RGB; of uint8, uint16, or floating point from 0 to 1.
+    disparity : str
         Disparity in pixels x `disparity_scale`; none where it is not positive or not finite.
-    depth
-        Depth in metres.
-    truth
+    depth : str
+        Depth in metres; none where it is not positive or not finite.
+    truth : str
         Label of each pixel.
-    layout
-        ``columns``: arrays are (width, height[, 3]); ``rows``: (height, width[, 3]).
+    layout : str
+        ``columns``: arrays are (width, height[, 3]); ``rows``: (height, width[, 3]), as MATLAB shows them.
+    disparity_scale : float
+        Set it to 256, for example, where disparities are stored as whole numbers of 1/256 pixel.
+
+    Raises
+    ------
+    ValueError
+        If `layout` is another one, or `disparity_scale` is not positive.
     """
 
     image: str = "im_rgb"
@@ -65,7 +73,12 @@ class MatFields:
 
     @classmethod
     def parsed(cls, settings: Sequence[tuple[str, str]]) -> MatFields:
-        """Return the defaults with the fields of `settings` replaced.
+        """Return the defaults with some fields replaced.
+
+        Parameters
+        ----------
+        settings : sequence of (str, str)
+            Name of a field, and its value as text.
 
         Raises
         ------
@@ -85,7 +98,18 @@ class MatFields:
 
 
 class MatFolder:
-    """A folder of ``.mat`` files.
+    """A folder of ``.mat`` files; a `LabelledSet`.
+
+    Parameters
+    ----------
+    path : Path
+        The folder, with ``calib.json`` beside the files.
+    fields : MatFields
+        Where things are in a file.
+    labels : Labels
+        Values of the truth.
+    source : str
+        What disparity is made from where files hold several: ``stereo``, ``disparity`` or ``depth``.
 
     Raises
     ------
@@ -104,20 +128,20 @@ class MatFolder:
                 "write one with fx, fy, cx, cy, baseline_m, width, height"
             )
         self.names = sorted(file.stem for file in path.glob("*.mat"))
-        self._reader = _Reader(path.absolute(), fields, labels, source)
+        self._reader = _FrameReader(path.absolute(), fields, labels, source)
 
     def files(self, name: str) -> list[Path]:
         """Return the files of a frame."""
         return [self.path / f"{name}.mat", self.path / "calib.json"]
 
-    def sources(self, names: Collection[str]) -> Iterator[FrameSource]:
+    def items(self, names: Collection[str]) -> Iterator[LabelledItem]:
         """Yield the frames of these names."""
         for name in sorted(names):
             yield _MatFrame(self._reader, name)
 
 
 @dataclass(frozen=True, slots=True)
-class _Reader:
+class _FrameReader:
     folder: Path
     fields: MatFields
     labels: Labels
@@ -133,23 +157,25 @@ class _Reader:
             raise ValueError(f"{path}: {err}") from err
 
     def _frame(self, name: str, arrays: dict[str, NDArray[Any]]) -> LabelledFrame:
-        left = self._image(arrays, self.fields.image)
+        fields, source = self.fields, self._source_in(arrays)
         right = disparity = depth_m = None
-        found = self._input(arrays)
-        if found == "stereo":
-            right = self._image(arrays, self.fields.right)
-        elif found == "disparity":
-            disparity = _positive(self._array(arrays, self.fields.disparity)) / np.float32(self.fields.disparity_scale)
+        if source == "stereo":
+            right = self._image(arrays, fields.right)
+        elif source == "disparity":
+            disparity = self._array(arrays, fields.disparity).astype(np.float32) / np.float32(fields.disparity_scale)
         else:
-            depth_m = _positive(self._array(arrays, self.fields.depth))
-        for other in (right, disparity, depth_m):
-            if other is not None and other.shape[:2] != left.shape[:2]:
-                raise ValueError(f"{found} is {other.shape}, the left image {left.shape}; give arrays of one size")
-        camera = read_camera(self.folder / "calib.json", left.shape)
-        frame = Frame(name=name, left=left, camera=camera, right=right, disparity=disparity, depth_m=depth_m)
-        return LabelledFrame(frame, decode_truth(self._array(arrays, self.fields.truth), self.labels))
+            depth_m = self._array(arrays, fields.depth).astype(np.float32)
+        frame = Frame(
+            name=name,
+            camera=read_camera(self.folder / "calib.json"),
+            left=self._image(arrays, fields.image),
+            right=right,
+            disparity=disparity,
+            depth_m=depth_m,
+        )
+        return LabelledFrame(frame, decode_truth(self._array(arrays, fields.truth), self.labels))
 
-    def _input(self, arrays: dict[str, NDArray[Any]]) -> str:
+    def _source_in(self, arrays: dict[str, NDArray[Any]]) -> str:
         """Return what disparity is made from: the preferred source, or else the first that the file holds."""
         fields = dict(zip(SOURCES, (self.fields.right, self.fields.disparity, self.fields.depth), strict=True))
         for source in (self.source, *SOURCES):
@@ -168,20 +194,17 @@ class _Reader:
             raise ValueError(f"{field} has shape {array.shape} and type {array.dtype}; give an image of numbers")
         return np.ascontiguousarray(np.swapaxes(array, 0, 1) if self.fields.layout == "columns" else array)
 
-    def _image(self, arrays: dict[str, NDArray[Any]], field: str) -> NDArray[np.uint8]:
+    def _image(self, arrays: dict[str, NDArray[Any]], field: str) -> NDArray[Any]:
         """Return an image as grey or BGR; one of floating point has values from 0 to 1 as in MATLAB."""
         image = self._array(arrays, field)
         if image.dtype.kind == "f":
             image = np.rint(np.clip(np.nan_to_num(image), 0, 1) * 255).astype(np.uint8)
-        if image.dtype not in (np.uint8, np.uint16) or (image.ndim == 3 and image.shape[2] != 3):
-            raise ValueError(f"{field} has shape {image.shape} and type {image.dtype}; give a grey or an RGB image")
-        image = as_8bit(image)
         return image if image.ndim == 2 else np.ascontiguousarray(image[..., ::-1])
 
 
 @dataclass(frozen=True, slots=True)
 class _MatFrame:
-    reader: _Reader
+    reader: _FrameReader
     name: str
 
     def read(self) -> LabelledFrame:
@@ -189,7 +212,17 @@ class _MatFrame:
 
 
 def read_arrays(path: Path) -> dict[str, NDArray[Any]]:
-    """Return the arrays of a file by name; those in a struct as ``STRUCT.FIELD``.
+    """Read the arrays of a file.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+
+    Returns
+    -------
+    dict of str to ndarray
+        Arrays by name; those in a struct as ``STRUCT.FIELD``.
 
     Raises
     ------
@@ -224,6 +257,11 @@ def _flatten(name: str, value: NDArray[Any], arrays: dict[str, NDArray[Any]]) ->
 def describe(path: Path) -> list[str]:
     """Return a line for each array of a file: name, shape, type, and its range or, where they are few, its values.
 
+    Parameters
+    ----------
+    path : Path
+        The file.
+
     Raises
     ------
     OSError, ValueError
@@ -247,11 +285,3 @@ def _range(array: NDArray[Any]) -> str:
     if values.size <= 8:
         return f"values {', '.join(f'{value:g}' for value in values)}{gaps}"
     return f"{values[0]:g} .. {values[-1]:g}{gaps}"
-
-
-def _positive(values: NDArray[Any]) -> NDArray[np.float32]:
-    """Return an image as float32, 0 where it is not a positive number."""
-    if values.ndim != 2:
-        raise ValueError(f"disparity or depth has shape {values.shape}; give an image of one channel")
-    values = values.astype(np.float32)
-    return np.where(np.isfinite(values) & (values > 0), values, np.float32(0))

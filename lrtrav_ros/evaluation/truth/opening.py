@@ -17,15 +17,17 @@ from lrtrav_ros.evaluation.truth.mat_files import LAGR_LABELS, MatFields, MatFol
 
 @dataclass(frozen=True, slots=True)
 class ReaderOptions:
-    """How sets are read.
+    """Options of reading sets.
 
-    Attributes
+    Parameters
     ----------
-    truth
-        Folder with the ground truth of a rosbag; None for ``gt`` in the bag's folder, or beside the bag's file.
-    labels
-        Values of the truth; None for those of the layout.
-    fields
+    source : SourceConfig
+        Which input frames carry where a set holds several, and how images of a bag are paired.
+    truth : Path, optional
+        Folder with the ground truth of a rosbag; else ``gt`` in the bag's folder, or beside the bag's file.
+    labels : Labels, optional
+        Values of the truth, where they are not those of the layout.
+    fields : MatFields
         Where things are in ``.mat`` files.
     """
 
@@ -46,16 +48,30 @@ class NamedSet:
 def open_sets(paths: Sequence[Path], options: ReaderOptions) -> list[NamedSet]:
     """Open sets, named by their folders.
 
+    Parameters
+    ----------
+    paths : sequence of Path
+        Where they lie, each once.
+    options : ReaderOptions
+        How all of them are read.
+
     Raises
     ------
     OSError, ValueError
-        If one cannot be read, or has no frame with truth.
+        If one cannot be read, has no frame with truth, or is named twice.
     """
     return [NamedSet(name, open_set(path, options)) for name, path in zip(_names(paths), paths, strict=True)]
 
 
 def open_set(path: Path, options: ReaderOptions) -> LabelledSet:
     """Open a set of whatever layout.
+
+    Parameters
+    ----------
+    path : Path
+        Dataset folder, folder of KITTI Road or of ``.mat`` files, or a rosbag.
+    options : ReaderOptions
+        How it is read.
 
     Raises
     ------
@@ -64,13 +80,13 @@ def open_set(path: Path, options: ReaderOptions) -> LabelledSet:
     """
     if not path.exists():
         raise FileNotFoundError(f"{path}: there is no such folder or file")
-    opened = _opened(path, options)
-    if not opened.names:
+    frames = _open_by_layout(path, options)
+    if not frames.names:
         raise ValueError(f"{path}: no frame has ground truth; there is nothing to compare with")
-    return opened
+    return frames
 
 
-def _opened(path: Path, options: ReaderOptions) -> LabelledSet:
+def _open_by_layout(path: Path, options: ReaderOptions) -> LabelledSet:
     source = options.source.source
     if (path / "left").is_dir():
         return LabelledFolder(path, labels=options.labels or Labels(), source=source)
@@ -83,13 +99,7 @@ def _opened(path: Path, options: ReaderOptions) -> LabelledSet:
 
 
 def _names(paths: Sequence[Path]) -> list[str]:
-    """Return a name for each path: its last part, with the parts before it where that is not enough.
-
-    Raises
-    ------
-    ValueError
-        If two paths are the same.
-    """
+    """Return a name for each path: its last part, with the parts before it where that is not enough."""
     parts = [Path(os.path.normpath(path.absolute())).parts[1:] for path in paths]
     if len(set(parts)) < len(parts):
         raise ValueError("a dataset is named twice; name each once")
