@@ -6,13 +6,17 @@ PYTHON ?= $(shell for python in python3 python3.12 python3.11 python3.13 python3
 BIN := .venv/bin
 PACKAGE := setup.py package.xml $(wildcard config/* launch/*)
 
-.PHONY: demo test lint tables clean
+.PHONY: demo test test-bounds lint tables clean
 
 demo: .venv/installed
 	$(BIN)/lrtrav demo --output demo --overwrite
 
 test: .venv/installed-for-tests
 	$(BIN)/pytest
+
+# An index outside its array is an error here. Kernels with that check need a cache of their own.
+test-bounds: .venv/installed-for-tests
+	NUMBA_BOUNDSCHECK=1 NUMBA_CACHE_DIR="$(CURDIR)/.cache/numba-boundscheck" $(BIN)/pytest
 
 lint: .venv/installed-for-tests
 	$(BIN)/ruff check .
@@ -23,7 +27,7 @@ tables: .venv/installed
 	$(BIN)/python docs/make_tables.py
 
 clean:
-	rm -rf .venv build install log demo *.egg-info
+	rm -rf .venv .cache build install log demo *.egg-info
 
 $(BIN)/python:
 	$(if $(PYTHON),,$(error No Python 3.10 to 3.13 found: install one, or name it: make PYTHON=/path/to/python))

@@ -1,18 +1,20 @@
 """Both nodes in one process.
 
 ros2 launch lrtrav_ros detector.launch.py namespace:=front_camera params_file:=params.yaml
-ros2 launch lrtrav_ros detector.launch.py left:=/zed/left right:=/zed/right
+ros2 launch lrtrav_ros detector.launch.py left:=/zed/left right:=/zed/right preset:=paper
 """
 
-from launch.actions import DeclareLaunchArgument
-from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
-from launch_ros.actions import Node
-from launch_ros.substitutions import FindPackageShare
+from __future__ import annotations
 
-from launch import LaunchDescription
+from launch import LaunchContext, LaunchDescription
+from launch.actions import DeclareLaunchArgument, OpaqueFunction
+from launch.substitutions import LaunchConfiguration
+from launch_ros.actions import Node
 
 ARGUMENTS = {
     "namespace": ("", "namespace of the nodes and of their topics"),
+    "params_file": ("", "YAML file of parameters; if empty, none is read"),
+    "preset": ("", "robust or paper, for all that params_file does not set; if empty, the file's preset, else robust"),
     "left": ("left", "namespace of the left camera's image_rect and camera_info"),
     "right": ("right", "namespace of the right camera's image_rect and camera_info"),
     "disparity": ("disparity", "topic of the disparity image"),
@@ -20,22 +22,26 @@ ARGUMENTS = {
 }
 
 
-def generate_launch_description():
+def generate_launch_description() -> LaunchDescription:
     """Return the detector with its arguments."""
     declared = [
         DeclareLaunchArgument(name, default_value=default, description=description)
         for name, (default, description) in ARGUMENTS.items()
     ]
-    params_file = DeclareLaunchArgument(
-        "params_file",
-        default_value=PathJoinSubstitution([FindPackageShare("lrtrav_ros"), "config", "robust.yaml"]),
-        description="YAML file of parameters",
-    )
-    detector = Node(
+    return LaunchDescription([*declared, OpaqueFunction(function=detector_process)])
+
+
+def detector_process(context: LaunchContext) -> list[Node]:
+    """Return the process that runs both nodes."""
+    node = Node(
         package="lrtrav_ros",
         executable="detector",
         namespace=LaunchConfiguration("namespace"),
-        parameters=[LaunchConfiguration("params_file")],
+        # Not as `parameters`: launch_ros only warns of a file that does not exist, and the nodes would run without it.
+        ros_arguments=parameter_arguments(
+            params_file=LaunchConfiguration("params_file").perform(context),
+            preset=LaunchConfiguration("preset").perform(context),
+        ),
         remappings=[
             *(
                 (f"{side}/{topic}", [LaunchConfiguration(side), f"/{topic}"])
@@ -48,4 +54,11 @@ def generate_launch_description():
         output="screen",
         emulate_tty=True,
     )
-    return LaunchDescription([*declared, params_file, detector])
+    return [node]
+
+
+def parameter_arguments(*, params_file: str, preset: str) -> list[str]:
+    """Return the ROS arguments for what is given; the preset comes last and so prevails over one in the file."""
+    file_arguments = ["--params-file", params_file] if params_file else []
+    preset_arguments = ["-p", f"preset:={preset}"] if preset else []
+    return [*file_arguments, *preset_arguments]

@@ -1,4 +1,7 @@
-"""Long-range traversable region detection for mobile robots, without any learning."""
+"""Long-range traversable region detection for mobile robots, without any learning.
+
+`Detector` is the way in. Each stage is a function or a small class in `lrtrav_ros.method` that can be used alone.
+"""
 
 from __future__ import annotations
 
@@ -9,14 +12,27 @@ if TYPE_CHECKING:
     from lrtrav_ros.camera import StereoCamera
     from lrtrav_ros.config import Config
     from lrtrav_ros.detector import Detection, Detector
+    from lrtrav_ros.frame import Frame
 
-__all__ = ["Config", "Detection", "Detector", "StereoCamera"]
+    __version__: str
 
-_HOMES = {"Config": "config", "Detection": "detector", "Detector": "detector", "StereoCamera": "camera"}
+__all__ = ["Config", "Detection", "Detector", "Frame", "StereoCamera"]
+
+_HOMES = {
+    "Config": "config",
+    "Detection": "detector",
+    "Detector": "detector",
+    "Frame": "frame",
+    "StereoCamera": "camera",
+}
 
 
 def __getattr__(name: str) -> Any:
-    """Import what is asked for only then: commands that need none of it, such as ``--help``, start at once."""
+    """Import an export on first use: commands that need none of them, such as ``--help``, start at once."""
+    if name == "__version__":
+        from importlib.metadata import version
+
+        return version(__name__)
     if name not in _HOMES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     return getattr(import_module(f"{__name__}.{_HOMES[name]}"), name)

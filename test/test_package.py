@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import ast
 import os
+import re
+import shutil
 import subprocess
 import sys
 import zipfile
 from pathlib import Path
 
 import pytest
+import yaml
 from catkin_pkg.package import parse_package
 
 from lrtrav_ros.commands import COMMANDS
@@ -27,6 +30,13 @@ ROS_MODULES = (
 )
 
 
+@pytest.fixture(scope="module")
+def source(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Copy the source tree, so that nothing built before gets into what is built here."""
+    ignored = shutil.ignore_patterns(".*", "build", "install", "log", "demo", "*.egg-info", "__pycache__")
+    return Path(shutil.copytree(ROOT, tmp_path_factory.mktemp("package") / "source", ignore=ignored))
+
+
 def run(*command: str | Path, cwd: Path = ROOT, **environment: str) -> str:
     """Run a command and return what it prints; fail with that if it fails."""
     done = subprocess.run(
@@ -36,35 +46,77 @@ def run(*command: str | Path, cwd: Path = ROOT, **environment: str) -> str:
     return done.stdout
 
 
-def test_pip_builds_a_wheel_with_all_commands_and_files(tmp_path: Path) -> None:
-    run(sys.executable, "-m", "pip", "wheel", "--no-deps", "--no-build-isolation", "--wheel-dir", tmp_path, ".")
-    wheel = zipfile.ZipFile(next(tmp_path.glob("lrtrav_ros-*.whl")))
-    entry_points = wheel.read(next(name for name in wheel.namelist() if name.endswith("entry_points.txt"))).decode()
-    found = {line.split(" = ")[0] for line in entry_points.splitlines() if " = " in line}
-    assert found == EXECUTABLES
-    shared = {name.split("/data/share/")[1] for name in wheel.namelist() if "/data/share/" in name}
+def build_wheel(source: Path, folder: Path, kind: str) -> Path:
+    """Build what pip installs, as pip does it: a ``wheel``, or an ``editable`` one that refers to `source`."""
+    code = f"from setuptools import build_meta; build_meta.build_{kind}({str(folder)!r})"
+    run(sys.executable, "-c", code, cwd=source)
+    return next(folder.glob("*.whl"))
+
+
+def test_wheel_holds_all_of_the_package_and_what_ros_looks_for(source: Path, tmp_path: Path) -> None:
+    files = set(zipfile.ZipFile(build_wheel(source, tmp_path, "wheel")).namelist())
+    package = {
+        path.relative_to(source).as_posix()
+        for path in (source / "lrtrav_ros").rglob("*")
+        if path.is_file() and "__pycache__" not in path.parts
+    }
+    assert {"lrtrav_ros/py.typed", "lrtrav_ros/evaluation/report/report.css"} <= package
+    assert {name for name in files if name.startswith("lrtrav_ros/")} == package
     assert {
         "ament_index/resource_index/packages/lrtrav_ros",
         "lrtrav_ros/package.xml",
         "lrtrav_ros/config/robust.yaml",
         "lrtrav_ros/launch/detector.launch.py",
-    } <= shared
+    } <= {name.split("/data/share/")[1] for name in files if "/data/share/" in name}
 
 
-def test_colcon_installs_executables_that_run(tmp_path: Path) -> None:
+@pytest.mark.parametrize("kind", ["wheel", "editable"])
+def test_pip_puts_lrtrav_on_the_path_and_all_executables_where_ros2_run_looks(
+    source: Path, tmp_path: Path, kind: str
+) -> None:
+    prefix = tmp_path / "prefix"
+    wheel = build_wheel(source, tmp_path, kind)
+    # `--ignore-installed`, or else pip would uninstall the package from the environment that runs the tests.
+    options = ("--no-deps", "--no-index", "--ignore-installed", "--no-warn-script-location")
+    run(sys.executable, "-m", "pip", "install", *options, "--prefix", prefix, wheel)
+    assert {path.name for path in (prefix / "bin").iterdir()} == {"lrtrav"}
+    assert {path.name for path in (prefix / "lib" / "lrtrav_ros").iterdir()} == EXECUTABLES
+    (tmp_path / "link").symlink_to(prefix / "lib" / "lrtrav_ros" / "detector")
+    for executable, usage in (
+        (prefix / "bin" / "lrtrav", "usage: lrtrav [-h]"),
+        (prefix / "lib" / "lrtrav_ros" / "lrtrav", "usage: lrtrav [-h]"),
+        (prefix / "lib" / "lrtrav_ros" / "short_range_node", "usage: lrtrav short_range_node [-h]"),
+        (tmp_path / "link", "usage: lrtrav detector [-h]"),
+    ):
+        assert run(executable, "--help", cwd=tmp_path).startswith(usage)
+
+
+@pytest.mark.parametrize("options", [[], ["--symlink-install"]])
+def test_colcon_puts_all_executables_where_ros2_run_looks(source: Path, tmp_path: Path, options: list[str]) -> None:
     pytest.importorskip("colcon_core")
     run(
         Path(sys.executable).with_name("colcon"),
-        *("--log-base", tmp_path / "log", "build", "--base-paths", ROOT),
-        *("--build-base", tmp_path / "build", "--install-base", tmp_path / "install"),
+        *("--log-base", tmp_path / "log", "build", "--base-paths", source),
+        *("--build-base", tmp_path / "build", "--install-base", tmp_path / "install", *options),
     )
-    prefix = tmp_path / "install" / "lrtrav_ros"
-    folder = prefix / "lib" / "lrtrav_ros"
+    folder = tmp_path / "install" / "lrtrav_ros" / "lib" / "lrtrav_ros"
     assert {path.name for path in folder.iterdir()} == EXECUTABLES
-    library = next(prefix.glob("lib/python*/site-packages"))
-    path = os.pathsep.join([str(library), os.environ.get("PYTHONPATH", "")])
-    assert "usage: detector" in run(folder / "detector", "--help", cwd=tmp_path, PYTHONPATH=path)
-    assert "usage: lrtrav" in run(folder / "lrtrav", "--help", cwd=tmp_path, PYTHONPATH=path)
+    in_workspace = f'. "{tmp_path}/install/setup.bash" && exec "$0" --help'
+    for name in ("detector", "lrtrav"):
+        interpreter = (folder / name).read_text(encoding="utf-8").splitlines()[0].removeprefix("#!")
+        assert Path(interpreter).parent == Path(sys.executable).parent
+        assert run("bash", "-c", in_workspace, folder / name, cwd=tmp_path).startswith(f"usage: {name} [-h]")
+
+
+def test_version_stands_in_package_xml_alone(source: Path, tmp_path: Path) -> None:
+    renumbered = tmp_path / "source"
+    shutil.copytree(source, renumbered)
+    manifest = renumbered / "package.xml"
+    text = manifest.read_text(encoding="utf-8")
+    manifest.write_text(re.sub("<version>.*</version>", "<version>3.14.15</version>", text), encoding="utf-8")
+    wheel = build_wheel(renumbered, tmp_path, "wheel")
+    code = "import lrtrav_ros; print(lrtrav_ros.__version__)"
+    assert run(sys.executable, "-c", code, cwd=tmp_path, PYTHONPATH=str(wheel)).strip() == "3.14.15"
 
 
 def test_package_xml_is_valid_and_agrees_with_setup_py() -> None:
@@ -72,6 +124,15 @@ def test_package_xml_is_valid_and_agrees_with_setup_py() -> None:
     assert package.get_build_type() == "ament_python"
     name, version, licence = run(sys.executable, "setup.py", "--name", "--version", "--license").splitlines()[-3:]
     assert (package.name, package.version, package.licenses[0]) == (name, version, licence)
+
+
+def test_citation_has_no_version_of_its_own() -> None:
+    citation = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
+    assert (citation["cff-version"], citation["license"]) == ("1.2.0", "Apache-2.0")
+    assert "version" not in citation
+    paper = citation["preferred-citation"]
+    assert [author["family-names"] for author in paper["authors"]] == ["Lu", "Jiang", "Zell"]
+    assert paper["title"].startswith("Long Range Traversable Region Detection")
 
 
 def test_every_ros_package_that_is_imported_is_declared() -> None:
@@ -94,6 +155,32 @@ def imported_modules(path: Path) -> set[str]:
         elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
             names.add(node.module.split(".")[0])
     return names
+
+
+@pytest.mark.parametrize(
+    ("room", "allowed"),
+    [
+        ("config.py", set()),
+        ("camera.py", set()),
+        ("frame.py", {"camera"}),
+        ("detector.py", {"camera", "config", "frame", "method"}),
+        ("numerics", {"numerics"}),
+        ("method", {"camera", "config", "frame", "method", "numerics"}),
+        ("synthetic", {"camera", "config", "frame", "numerics", "synthetic"}),
+        ("io", {"camera", "config", "detector", "frame", "io", "method"}),
+        ("offline", {"camera", "config", "detector", "io", "offline"}),
+        ("nodes", {"camera", "config", "detector", "frame", "io", "method", "nodes"}),
+    ],
+)
+def test_a_room_imports_only_what_lies_further_in(room: str, allowed: set[str]) -> None:
+    place = ROOT / "lrtrav_ros" / room
+    imported = {
+        node.module.split(".")[1]
+        for path in (place.rglob("*.py") if place.is_dir() else [place])
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.ImportFrom) and node.module and node.module.startswith("lrtrav_ros.")
+    }
+    assert imported <= allowed
 
 
 def test_only_the_nodes_import_ros() -> None:
