@@ -2,10 +2,8 @@
 
 import importlib
 import os
-import sys
 import tempfile
 import warnings
-from pathlib import Path
 
 from lrtrav_ros.nodes import shared_memory as transport  # imports nothing of ROS
 
@@ -16,8 +14,6 @@ os.environ["ROS_PYTHON_CHECK_FIELDS"] = "1"
 transport.use_large_segment()
 _LOGS = tempfile.TemporaryDirectory(prefix="lrtrav_ros_log_")
 os.environ["ROS_LOG_DIR"] = _LOGS.name
-
-sys.path.append(str(Path(__file__).parent / "evaluation" / "truth"))  # readers' inputs are made there
 
 import pytest  # noqa: E402
 
