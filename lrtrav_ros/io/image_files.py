@@ -127,7 +127,7 @@ def decode_file(data: bytes, name: str) -> Image:
 
 
 def _is_whole(data: bytes) -> bool:
-    """Whether a JPEG or PNG has its end: OpenCV fills the missing rest of one that is cut off with grey."""
+    """Return whether a JPEG or PNG has its end: OpenCV fills the missing rest of one that is cut off with grey."""
     if data.startswith(b"\x89PNG"):
         return data.rfind(b"IEND") > 0
     if data.startswith(b"\xff\xd8"):

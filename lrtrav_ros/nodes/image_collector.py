@@ -58,7 +58,7 @@ class ImageCollector:
         return sum(len(images) == len(self._topics) for images in self.images.values())
 
     def publishers_are_there(self) -> bool:
-        """Whether somebody publishes each of the topics."""
+        """Return whether somebody publishes each of the topics."""
         return all(self._node.count_publishers(topic) > 0 for topic in self._topics)
 
     def spin_until(self, done: Callable[[], bool], *, timeout_s: float) -> bool:

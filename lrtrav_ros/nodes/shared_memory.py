@@ -31,7 +31,7 @@ def profile_file() -> Path | None:
 
 
 def _has_room() -> bool:
-    """Whether three processes fit into shared memory."""
+    """Return whether three processes fit into shared memory."""
     try:
         space = os.statvfs(_SHARED_MEMORY)
     except OSError:

@@ -116,7 +116,7 @@ def check_count(name: str, count: int) -> None:
 
 
 def _has_shape(array: NDArray[Any], shape: Shape) -> bool:
-    """Whether an array has a shape, in which names stand for any size."""
+    """Return whether an array has a shape, in which names stand for any size."""
     sizes: dict[str, int] = {}
     return array.ndim == len(shape) and all(
         size == (sizes.setdefault(wanted, size) if isinstance(wanted, str) else wanted)

@@ -201,7 +201,7 @@ def _span(solid: NDArray[np.float64], point: Vector, ray: Vector) -> Span:
 
 @kernel
 def _is_leaf(table: NDArray[np.float32], size: float, footprint: float, point: Vector, ray: Vector, t: float) -> bool:
-    """Whether foliage, which has holes, is there at a ray's point; holes too small for a pixel close."""
+    """Return whether foliage, which has holes, is there at a ray's point; holes too small for a pixel close."""
     x, y, z = (point[0] + t * ray[0]) / size, (point[1] + t * ray[1]) / size, (point[2] + t * ray[2]) / size
     density = _noise3(table, x, y, z) + 0.8 * _noise3(table, 0.4 * x, 0.4 * y, 0.4 * z)
     return density < 0.84 + 0.5 * _clipped(footprint / size - 0.3, 0.0, 1.0)
@@ -237,7 +237,7 @@ def _first_solid(
 
 @inlined_kernel
 def _in_shadow(scene: Scene, point: Vector) -> bool:
-    """Whether a solid hides the sun."""
+    """Return whether a solid hides the sun."""
     column = math.floor((point[0] - point[2] * scene.shadows[2] - scene.shadows[0]) / SHADOW_CELL_M)
     row = math.floor((point[1] - point[2] * scene.shadows[3] - scene.shadows[1]) / SHADOW_CELL_M)
     if column < 0 or row < 0 or column >= scene.bins.columns or row >= scene.bins.rows:
