@@ -77,5 +77,6 @@ class StereoCamera:
     def _inverted(self, values: NDArray[np.float32]) -> NDArray[np.float32]:
         valid = np.isfinite(values) & (values > 0)
         result = np.zeros(values.shape, np.float32)
-        np.divide(np.float32(self.fx * self.baseline_m), values, out=result, where=valid)
+        with np.errstate(over="ignore"):  # what overflows is infinite, and counts as none
+            np.divide(np.float32(self.fx * self.baseline_m), values, out=result, where=valid)
         return result

@@ -578,8 +578,8 @@ class Config(CheckedConfig):
 
     threads: int = setting(
         0,
-        "threads that matching may use; 0 for all processors; lower it to leave processors to others: "
-        "the result does not depend on it",
+        "threads that matching by elas may use (sgbm uses one, bm OpenCV's own number); 0 for all processors; "
+        "lower it to leave processors to others: the result does not depend on it",
         minimum=0,
         maximum=256,
     )

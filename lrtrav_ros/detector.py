@@ -21,6 +21,7 @@ from lrtrav_ros.method.features import superpixel_distances
 from lrtrav_ros.method.ground import ShortRange, detect_ground, traversable_mask
 from lrtrav_ros.method.matching import Matcher, create_matcher
 from lrtrav_ros.method.superpixels import preemptive_slic
+from lrtrav_ros.numerics.checks import check_array
 
 _P = ParamSpec("_P")
 _R = TypeVar("_R")
@@ -68,7 +69,7 @@ class StageRunner:
         return StageTimes(**{f"{stage.value}_ms": time_ms for stage, time_ms in self._times_ms.items()})
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class LongRange:
     """The traversable region to the horizon, in an image of (H, W) pixels.
 
@@ -97,7 +98,7 @@ class LongRange:
         return self.superpixel_clusters[self.superpixels]
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Detection:
     """All that the method finds in one frame.
 
@@ -218,8 +219,7 @@ class LongRangeDetector:
             If the two differ in size, or one has another type.
         """
         run, config, image = run or StageRunner(), self.config, as_8bit(image)
-        if image.shape[:2] != occupancy.shape:
-            raise ValueError(f"left image is {image.shape[:2]}, occupancy {occupancy.shape}; give images of one size")
+        check_array("occupancy", occupancy, np.uint8, image.shape[:2])
         superpixels = run(Stage.SUPERPIXELS, preemptive_slic, image, config.superpixels)
         distances = run(Stage.FEATURES, superpixel_distances, image, superpixels, config.features)
         clusters = run(Stage.CLUSTERING, spectral_clusters, distances, config.clustering)
@@ -234,8 +234,8 @@ class Detector:
     ----------
     config : Config
         Settings of all stages.
-    camera : StereoCamera
-        Calibration of the rectified pairs that `detect` is given.
+    camera : StereoCamera, optional
+        Calibration of the images that `detect` is given; `detect_frame` does without, for a frame brings its own.
     matcher : Matcher, optional
         Used in place of the one that `config` names, to share one among detectors.
 
@@ -247,7 +247,7 @@ class Detector:
     dtype('uint8')
     """
 
-    def __init__(self, config: Config, camera: StereoCamera, *, matcher: Matcher | None = None) -> None:
+    def __init__(self, config: Config, camera: StereoCamera | None = None, *, matcher: Matcher | None = None) -> None:
         self.config = config
         self.camera = camera
         self.short_range = ShortRangeDetector(config, matcher=matcher)
@@ -276,8 +276,10 @@ class Detector:
         Raises
         ------
         ValueError
-            If not exactly one of the three is given, or an image does not fit.
+            If not exactly one of the three is given, an image does not fit, or the detector has no camera.
         """
+        if self.camera is None:
+            raise ValueError("the detector has no camera; make it with one, or give a frame to detect_frame")
         return self.detect_frame(
             Frame(camera=self.camera, left=left, right=right, disparity=disparity, depth_m=depth_m)
         )

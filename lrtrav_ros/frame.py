@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lrtrav_ros.camera import StereoCamera
+from lrtrav_ros.numerics.checks import check_array
 
 Image: TypeAlias = NDArray[Any]
 """A grey (H, W) or BGR (H, W, 3) image of uint8 or uint16."""
@@ -16,6 +17,7 @@ Image: TypeAlias = NDArray[Any]
 SOURCES = ("stereo", "disparity", "depth")
 """Sources of disparity, in the order of preference."""
 
+_IMAGE_TYPES = (np.uint8, np.uint16)
 _MAX_DISPARITY_PX = 2.0**15
 """Nothing is this near: depth cameras of any baseline end far below."""
 
@@ -43,6 +45,8 @@ class Frame:
 
     Raises
     ------
+    TypeError
+        If an image is no NumPy array.
     ValueError
         If not exactly one of `right`, `disparity` and `depth_m` is given, or an array has another type or size; the
         message says what it got and what it wants.
@@ -60,7 +64,7 @@ class Frame:
         if [self.right is None, self.disparity is None, self.depth_m is None].count(False) != 1:
             raise ValueError("give exactly one of right image, disparity and depth")
         if self.left is not None:
-            _check_image("left image", self.left)
+            check_array("left image", self.left, _IMAGE_TYPES, ("H", "W"), ("H", "W", 3))
             self.camera.check_size(self.left.shape)
         if self.right is not None:
             self._check_right(self.right)
@@ -94,7 +98,7 @@ class Frame:
     def _check_right(self, right: Image) -> None:
         if self.left is None:
             raise ValueError("a right image needs a left one; give both")
-        _check_image("right image", right)
+        check_array("right image", right, _IMAGE_TYPES, ("H", "W"), ("H", "W", 3))
         self._check_size("right image", right)
         if right.shape != self.left.shape or right.dtype != self.left.dtype:
             raise ValueError(
@@ -109,13 +113,6 @@ class Frame:
         elif image.shape[:2] != self.left.shape[:2]:
             size, wanted = (f"{shape[1]} x {shape[0]}" for shape in (image.shape, self.left.shape))
             raise ValueError(f"the {name} is {size} pixels, but the left image is {wanted}; give images of one size")
-
-
-def _check_image(name: str, image: Image) -> None:
-    if image.ndim not in (2, 3) or (image.ndim == 3 and image.shape[2] != 3) or image.size == 0:
-        raise ValueError(f"{name} has shape {image.shape}; give (H, W) or (H, W, 3), not empty")
-    if image.dtype not in (np.uint8, np.uint16):
-        raise ValueError(f"{name} has type {image.dtype}; give uint8 or uint16")
 
 
 def as_8bit(image: Image) -> NDArray[np.uint8]:
@@ -150,8 +147,7 @@ def pair_as_8bit(left: Image, right: Image) -> tuple[NDArray[np.uint8], NDArray[
 
 def _excess_bits(image: Image) -> int:
     """Return how many bits the brightest pixel has beyond 8."""
-    if image.dtype not in (np.uint8, np.uint16):
-        raise ValueError(f"image has type {image.dtype}; give uint8 or uint16")
+    check_array("image", image, _IMAGE_TYPES, ("H", "W"), ("H", "W", "C"), may_be_empty=True)
     return 0 if image.dtype == np.uint8 or not image.size else max(int(image.max()).bit_length() - 8, 0)
 
 
@@ -178,7 +174,7 @@ def valid_disparity(disparity: NDArray[np.float32]) -> NDArray[np.float32]:
     ValueError
         If it is not such an array.
     """
-    _check_float_image("disparity", disparity)
+    check_array("disparity", disparity, np.float32, ("H", "W"))
     return _positive(disparity, _MAX_DISPARITY_PX)
 
 
@@ -194,15 +190,8 @@ def valid_depth(depth_m: NDArray[np.float32]) -> NDArray[np.float32]:
     ValueError
         If it is not such an array.
     """
-    _check_float_image("depth", depth_m)
+    check_array("depth", depth_m, np.float32, ("H", "W"))
     return _positive(depth_m, np.inf)
-
-
-def _check_float_image(name: str, image: NDArray[Any]) -> None:
-    if image.ndim != 2 or image.dtype != np.float32 or image.size == 0:
-        raise ValueError(
-            f"{name} image has shape {image.shape} and type {image.dtype}; give float32 (height, width), not empty"
-        )
 
 
 def _positive(values: NDArray[np.float32], limit: float) -> NDArray[np.float32]:

@@ -35,12 +35,12 @@ def test_sources_and_shapes():
         ({"left": LEFT, "right": LEFT[1:]}, "the right image is 6 x 3 pixels, but the left image is 6 x 4"),
         ({"left": LEFT, "right": LEFT[..., 0]}, "number of channels"),
         ({"left": LEFT, "right": LEFT.astype(np.uint16)}, "type"),
-        ({"left": LEFT.astype(np.int16), "right": LEFT.astype(np.int16)}, "left image has type int16"),
-        ({"left": LEFT[..., :2], "right": LEFT[..., :2]}, r"left image has shape \(4, 6, 2\)"),
+        ({"left": LEFT.astype(np.int16), "right": LEFT.astype(np.int16)}, "left image is int16"),
+        ({"left": LEFT[..., :2], "right": LEFT[..., :2]}, r"left image is uint8 \(4, 6, 2\)"),
         ({"left": LEFT[:0], "right": LEFT[:0]}, "not empty"),
         ({"left": LEFT, "disparity": DISPARITY.T}, "the disparity is 4 x 6 pixels, but the left image is 6 x 4"),
-        ({"left": LEFT, "disparity": DISPARITY.astype(np.float64)}, "disparity image has shape .* float64"),
-        ({"left": LEFT, "depth_m": LEFT.astype(np.float32)}, r"depth image has shape \(4, 6, 3\)"),
+        ({"left": LEFT, "disparity": DISPARITY.astype(np.float64)}, "disparity is float64"),
+        ({"left": LEFT, "depth_m": LEFT.astype(np.float32)}, r"depth is float32 \(4, 6, 3\)"),
     ],
 )
 def test_frames_that_do_not_fit_are_refused(fields, message):

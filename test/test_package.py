@@ -162,8 +162,8 @@ def imported_modules(path: Path) -> set[str]:
     [
         ("config.py", set()),
         ("camera.py", set()),
-        ("frame.py", {"camera"}),
-        ("detector.py", {"camera", "config", "frame", "method"}),
+        ("frame.py", {"camera", "numerics"}),
+        ("detector.py", {"camera", "config", "frame", "method", "numerics"}),
         ("numerics", {"numerics"}),
         ("method", {"camera", "config", "frame", "method", "numerics"}),
         ("synthetic", {"camera", "config", "frame", "numerics", "synthetic"}),

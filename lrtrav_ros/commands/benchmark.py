@@ -10,8 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from lrtrav_ros.commands.options import add_detection_options, config_from
-from lrtrav_ros.commands.usage_error import UsageError
+from lrtrav_ros.commands.options import add_detection_options, config_from, image_size, positive_integer
 
 if TYPE_CHECKING:
     from lrtrav_ros.config import Config, Value
@@ -26,9 +25,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--input", type=Path, metavar="INPUT", help="dataset folder or rosbag; if not given, synthetic scenes"
     )
-    parser.add_argument("--size", type=_size, default=(640, 480), metavar="WxH", help="of synthetic images (640x480)")
-    parser.add_argument("--frames", type=int, default=8, metavar="N", help="frames to use (%(default)s)")
-    parser.add_argument("--rounds", type=int, default=5, metavar="N", help="times that each is detected (%(default)s)")
+    parser.add_argument(
+        "--size", type=image_size, default=(640, 480), metavar="WxH", help="of synthetic images (640x480)"
+    )
+    parser.add_argument("--frames", type=positive_integer, default=8, metavar="N", help="frames to use (%(default)s)")
+    parser.add_argument(
+        "--rounds", type=positive_integer, default=5, metavar="N", help="times that each is detected (%(default)s)"
+    )
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the figures to a file as well")
     add_detection_options(parser)
     parser.description = (
@@ -53,8 +56,6 @@ class Figures:
 
 def run(args: argparse.Namespace) -> int:
     """Measure, and print a table."""
-    if args.frames < 1 or args.rounds < 1:
-        raise UsageError(f"--frames is {args.frames}, --rounds {args.rounds}; give numbers of at least 1")
     config = config_from(args, defaults=_DEFAULTS)
     if config.threads == 1:
         for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
@@ -88,7 +89,7 @@ def measure(frames: Sequence[Frame], config: Config, *, rounds: int) -> Figures:
     for repetition in tqdm(range(rounds + 1), unit="round", disable=None):
         for frame in frames:
             reference = _reference_ms(frame)
-            detector = Detector(config, frame.camera)
+            detector = Detector(config)
             found = detector.detect_frame(frame)
             if repetition:
                 reference_ms.append(reference)
@@ -113,7 +114,7 @@ def _reference_ms(frame: Frame) -> float:
 
     import cv2
 
-    from lrtrav_ros.frame import as_8bit
+    from lrtrav_ros.frame import pair_as_8bit
     from lrtrav_ros.method.features import to_grey
 
     block = 5
@@ -121,8 +122,8 @@ def _reference_ms(frame: Frame) -> float:
         minDisparity=0, numDisparities=64, blockSize=block, P1=8 * block**2, P2=32 * block**2, disp12MaxDiff=1,
         uniquenessRatio=10, speckleWindowSize=100, speckleRange=2, mode=cv2.STEREO_SGBM_MODE_SGBM,
     )  # fmt: skip
-    left = to_grey(frame.image)
-    right = left if frame.right is None else to_grey(as_8bit(frame.right))
+    pair = pair_as_8bit(frame.image, frame.image if frame.right is None else frame.right)
+    left, right = map(to_grey, pair)
     start = time.perf_counter()
     matcher.compute(left, right)
     return (time.perf_counter() - start) * 1e3
@@ -157,8 +158,3 @@ def _table(figures: Figures) -> list[str]:
     lines = [head, f"{'stage':20} {'ms':>8} {'/ ' + _REFERENCE:>13}"]
     lines += [f"{name:20} {value:8.1f} {value / figures.reference_ms:13.2f}" for name, value in rows]
     return [*lines, f"{figures.frames_per_s:.1f} frames/s, memory at most {figures.memory_mb:.0f} MB"]
-
-
-def _size(text: str) -> tuple[int, int]:
-    width, _, height = text.partition("x")
-    return int(width), int(height)

@@ -13,6 +13,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from lrtrav_ros.commands.options import positive_integer
 from lrtrav_ros.commands.usage_error import UsageError
 
 if TYPE_CHECKING:
@@ -44,7 +45,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--output", type=Path, default=Path("demo"), metavar="DIR", help="folder to write (%(default)s)"
     )
     parser.add_argument("--overwrite", action="store_true", help="replace an output folder that exists, when finished")
-    parser.add_argument("--frames", type=int, default=30, metavar="N", help="stereo pairs to render (%(default)s)")
+    parser.add_argument(
+        "--frames", type=positive_integer, default=30, metavar="N", help="stereo pairs to render (%(default)s)"
+    )
     parser.add_argument("--style", default="park", help="of the scene: forest, field, park or road (%(default)s)")
     parser.add_argument("--seed", type=int, default=6, help="makes the scene (%(default)s)")
     parser.add_argument(

@@ -80,8 +80,11 @@ def _add_reading_options(parser: argparse.ArgumentParser) -> None:
 
 
 def _labels(text: str) -> tuple[int, int, int]:
-    """Return three labels; argparse reports a ValueError as wrong usage."""
-    traversable, not_traversable, unknown = map(int, text.split(","))
+    """Return three labels; raises what argparse reports."""
+    try:
+        traversable, not_traversable, unknown = map(int, text.split(","))
+    except ValueError as err:
+        raise argparse.ArgumentTypeError(f"{text!r} are not three whole numbers; write them as 255,0,128") from err
     return traversable, not_traversable, unknown
 
 

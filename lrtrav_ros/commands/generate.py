@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from lrtrav_ros.commands.options import image_size, positive_integer
 from lrtrav_ros.config import Parameter, Value, settings_of
 from lrtrav_ros.synthetic.scene_config import SceneConfig
 
@@ -34,7 +35,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--no-shadows", action="store_true", help="let nothing cast a shadow")
     parser.add_argument(
         "--sequences",
-        type=_positive,
+        type=positive_integer,
         default=1,
         metavar="N",
         help="sequences, with seeds from --seed on; more than one go into folders of their own (1)",
@@ -103,17 +104,8 @@ def _written(folder: Path, scene: SceneConfig) -> Iterator[Frame]:
 
 def _size(text: str) -> tuple[Value, Value]:
     """Return width and height of a text such as 640x480."""
-    width, separator, height = text.lower().partition("x")
-    if not separator:
-        raise argparse.ArgumentTypeError(f"{text!r} is no size; write it as 640x480")
-    return _reader(_SETTINGS["width"])(width), _reader(_SETTINGS["height"])(height)
-
-
-def _positive(text: str) -> int:
-    """Return a whole number of at least 1."""
-    if not text.isdecimal() or int(text) < 1:
-        raise argparse.ArgumentTypeError(f"{text!r} is no whole number of at least 1")
-    return int(text)
+    width, height = image_size(text)
+    return _reader(_SETTINGS["width"])(str(width)), _reader(_SETTINGS["height"])(str(height))
 
 
 def _reader(parameter: Parameter) -> Callable[[str], Value]:

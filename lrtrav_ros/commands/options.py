@@ -53,10 +53,25 @@ def add_parallel_options(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def positive_integer(text: str) -> int:
+    """Return a whole number of at least 1; raises what argparse reports."""
+    if not text.isdecimal() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a whole number of at least 1")
+    return int(text)
+
+
+def image_size(text: str) -> tuple[int, int]:
+    """Return width and height of a text such as 640x480; raises what argparse reports."""
+    width, separator, height = text.lower().partition("x")
+    if not (separator and width.isdecimal() and height.isdecimal()):
+        raise argparse.ArgumentTypeError(f"{text!r} is not a size; write it as 640x480")
+    return int(width), int(height)
+
+
 def _jobs(text: str) -> int:
-    """Return a number of processes; argparse reports a ValueError as wrong usage."""
-    if int(text) < 0:
-        raise ValueError
+    """Return a number of processes; raises what argparse reports."""
+    if not text.isdecimal():
+        raise argparse.ArgumentTypeError(f"{text!r} is not a number of processes; give 0 for one on each processor")
     return int(text)
 
 

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from types import TracebackType
 from typing import Any
 
+import cv2
 from rosbags.typesys import Stores, get_typestore
 
 from lrtrav_ros.frame import SOURCES, Frame
@@ -191,8 +192,8 @@ class StereoBag:
         )
         try:
             return frame_of(messages)
-        except ValueError as err:
-            raise _FrameError(str(messages.stamp_ns), str(err)) from err
+        except (ValueError, cv2.error) as err:
+            raise _FrameError(str(messages.stamp_ns), " ".join(str(err).split())) from err
 
 
 class _FrameError(ValueError):

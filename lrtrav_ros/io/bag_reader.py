@@ -77,6 +77,7 @@ class BagReader:
         self.problems: list[str] = []
         self._definitions: dict[str, str] = {}
         self._reader: rosbag1.Reader | rosbag2.Reader | None = None
+        self._is_closed = False
         try:
             self._open()
         except PermissionError:
@@ -100,7 +101,7 @@ class BagReader:
         if self._reader is not None:
             self._reader.close()
             self._reader = None
-        self._files = []
+        self._is_closed = True
 
     def messages(
         self, topics: Collection[str] | None = None, *, start_ns: int | None = None
@@ -113,7 +114,14 @@ class BagReader:
             Only these, thus nothing where it is empty; all by default.
         start_ns : int, optional
             Only messages at this time or later, in nanoseconds.
+
+        Raises
+        ------
+        ValueError
+            If the bag is closed.
         """
+        if self._is_closed:
+            raise ValueError(f"{self.path}: is closed; open it again to read it")
         start_ns = start_ns or 0
         done: set[str] = set()  # topics of the messages at the last time
         wanted = set(self.topics if topics is None else topics)

@@ -138,7 +138,7 @@ class DatasetFolder:
                 name=name, left=left, camera=calibration.camera, right=right, disparity=disparity, depth_m=depth_m
             )
         except ValueError as err:
-            raise ValueError(f"{path}: {err}") from err
+            raise ValueError(f"{self.path}, frame {name}: {err}") from err
 
     def frames(self) -> Iterator[Frame]:
         """Yield the frames in the order of their names; those that cannot be used are skipped, see `problems`."""

@@ -173,7 +173,8 @@ def _decode_compressed_depth(data: bytes, encoding: str) -> Image:
         return image
     scale, offset = np.frombuffer(header, "<f4", offset=4)
     depth = np.zeros(image.shape, np.float32)
-    np.divide(scale, image - offset, out=depth, where=image > 0)
+    with np.errstate(divide="ignore", invalid="ignore"):  # what is not finite counts as none
+        np.divide(scale, image - offset, out=depth, where=image > 0)
     return depth
 
 

@@ -31,6 +31,8 @@ class TopicQueue(Generic[_Item]):
         Messages that came.
     last_stamp_ns, last_paired_ns : int, optional
         Stamps of the last message and of the last that was paired; None before the first.
+    is_ordered : bool
+        The partners come in the order of their stamps, so that a pair makes those useless that wait for earlier ones.
     waiting : dict of int to message
         By stamp in nanoseconds, in order of arrival.
     """
@@ -40,13 +42,17 @@ class TopicQueue(Generic[_Item]):
     received: int = 0
     last_stamp_ns: int | None = None
     last_paired_ns: int | None = None
+    is_ordered: bool = False
     waiting: dict[int, _Item] = field(default_factory=dict)
     _pushed_out: int = 0
 
-    def add(self, stamp_ns: int, item: _Item) -> None:
-        """Let a message wait; it takes the place of an earlier one with its stamp."""
+    def count(self, stamp_ns: int) -> None:
+        """Count a message that came."""
         self.received += 1
         self.last_stamp_ns = stamp_ns
+
+    def add(self, stamp_ns: int, item: _Item) -> None:
+        """Let a message wait; it takes the place of an earlier one with its stamp."""
         self._pushed_out += self.waiting.pop(stamp_ns, None) is not None
         self.waiting[stamp_ns] = item
         if len(self.waiting) > self.capacity:
@@ -56,7 +62,17 @@ class TopicQueue(Generic[_Item]):
     def take(self, stamp_ns: int) -> _Item:
         """Return the message of this stamp, which is paired now."""
         self.last_paired_ns = stamp_ns
+        if self.is_ordered:
+            self._drop_earlier(stamp_ns)
         return self.waiting.pop(stamp_ns)
+
+    def _drop_earlier(self, stamp_ns: int) -> None:
+        """Drop the messages that arrived before that of this stamp and are older."""
+        arrived_before = list(self.waiting)[: list(self.waiting).index(stamp_ns)]
+        for earlier_ns in arrived_before:
+            if earlier_ns < stamp_ns:
+                del self.waiting[earlier_ns]
+                self._pushed_out += 1
 
     @property
     def unpaired(self) -> int:
@@ -101,19 +117,23 @@ class StampPairing(Generic[_First, _Second]):
 
     def add_first(self, stamp_ns: int, item: _First, *, tolerance_ns: int) -> tuple[_First, _Second] | None:
         """Take a message of the first topic; return the pair that it completes, if any."""
+        self.first.count(stamp_ns)
         partner_ns = self._partner(self.second, stamp_ns, tolerance_ns)
-        self.first.add(stamp_ns, item)
         if partner_ns is None:
+            self.first.add(stamp_ns, item)
             return None
-        return self.first.take(stamp_ns), self.second.take(partner_ns)
+        self.first.last_paired_ns = stamp_ns
+        return item, self.second.take(partner_ns)
 
     def add_second(self, stamp_ns: int, item: _Second, *, tolerance_ns: int) -> tuple[_First, _Second] | None:
         """Take a message of the second topic; return the pair that it completes, if any."""
+        self.second.count(stamp_ns)
         partner_ns = self._partner(self.first, stamp_ns, tolerance_ns)
-        self.second.add(stamp_ns, item)
         if partner_ns is None:
+            self.second.add(stamp_ns, item)
             return None
-        return self.first.take(partner_ns), self.second.take(stamp_ns)
+        self.second.last_paired_ns = stamp_ns
+        return self.first.take(partner_ns), item
 
     def _partner(self, other: TopicQueue[_Item], stamp_ns: int, tolerance_ns: int) -> int | None:
         """Return the stamp of the message to pair with, and note how near the two topics came."""

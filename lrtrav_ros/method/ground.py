@@ -150,7 +150,7 @@ class GroundLine:
         return self.slope * camera.cy + self.intercept + self.tilt * camera.cx
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class ShortRange:
     """Ground and obstacles of one frame, and the images of u-v-disparity that they were found in.
 

@@ -99,8 +99,9 @@ def replay(path: str | os.PathLike[str], options: ReplayOptions, *, ros_args: Se
             if rclpy.ok():  # else a signal ended ROS between two steps
                 raise
         finally:
-            signal.signal(signal.SIGINT, signal.SIG_IGN)
+            handler = signal.signal(signal.SIGINT, signal.SIG_IGN)  # a second one would interrupt the shutdown
             rclpy.try_shutdown()
+            signal.signal(signal.SIGINT, handler)
         for problem in reader.problems:
             print(problem, file=sys.stderr)
 

@@ -153,8 +153,7 @@ class _SingleInput:
 
     def _take(self, message: Any) -> None:
         self._last_s = time.monotonic()
-        self.frame_topic.received += 1
-        self.frame_topic.last_stamp_ns = header_stamp_ns(message)
+        self.frame_topic.count(header_stamp_ns(message))
         self.calibrated.put(None, message)
 
 

@@ -69,12 +69,13 @@ class LongRangeNode(Node):
         left = endpoints.subscribe_image(self, LEFT_IMAGE, self._take_left, compressed=compressed)
         occupancy = endpoints.subscribe(self, Image, "short_range/occupancy", self._take_occupancy)
         return StampPairing(
-            TopicQueue(occupancy.topic_name, _WAITING_OCCUPANCY), TopicQueue(left.topic_name, _WAITING_LEFT)
+            TopicQueue(occupancy.topic_name, _WAITING_OCCUPANCY),
+            TopicQueue(left.topic_name, _WAITING_LEFT, is_ordered=True),
         )
 
     @property
     def _tolerance_ns(self) -> int:
-        """Largest difference of stamps: none but for depth cameras, whose two images may have stamps of their own."""
+        """Largest difference of stamps: none for stereo; disparity and depth may have stamps of their own."""
         return 0 if self._settings.config.source.source == "stereo" else self._settings.stamp_tolerance_ns
 
     def _take_left(self, message: Any) -> None:

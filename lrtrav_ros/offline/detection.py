@@ -11,7 +11,6 @@ from pathlib import Path
 import cv2
 from tqdm import tqdm
 
-from lrtrav_ros.camera import StereoCamera
 from lrtrav_ros.config import Config
 from lrtrav_ros.detector import Detector
 from lrtrav_ros.io.bag_frames import UnusableFrame
@@ -45,7 +44,7 @@ class Outcome:
 
 @dataclass(frozen=True, slots=True)
 class DetectionTask:
-    """A frame to detect in, and how; `extras` are names out of `results.EXTRAS`."""
+    """A frame to detect in, and how; `extras` are names out of `result_folder.EXTRAS`."""
 
     item: RecordedFrame
     config: Config
@@ -61,7 +60,7 @@ def detect_recording(
     jobs: int = 1,
     cluster: str | None = None,
 ) -> Outcome:
-    """Detect in all frames of a dataset folder or rosbag and write the results; see `results.ResultFolder`.
+    """Detect in all frames of a dataset folder or rosbag and write the results; see `result_folder.ResultFolder`.
 
     Frames that cannot be used are skipped. The files do not depend on `jobs` and `cluster`, for which see
     `parallel.run_tasks`; only this process writes. A bag is read by this process, a folder's frames by those that
@@ -105,13 +104,13 @@ def detect_frame(task: DetectionTask) -> FrameResult:
         return unusable_frame(item.name, item.problem)
     try:
         frame = item.read() if isinstance(item, FrameFile) else item
-        detection = _detector(task.config, frame.camera, threading.get_ident()).detect_frame(frame)
+        detection = _detector(task.config, threading.get_ident()).detect_frame(frame)
+        return frame_result(frame.name, detection, frame.camera, extras=task.extras)
     except (OSError, ValueError, cv2.error) as err:
         return unusable_frame(item.name, " ".join(str(err).split()))
-    return frame_result(frame.name, detection, frame.camera, extras=task.extras)
 
 
 @lru_cache(maxsize=8)
-def _detector(config: Config, camera: StereoCamera, thread: int) -> Detector:
+def _detector(config: Config, thread: int) -> Detector:
     """Return a thread's own detector: matchers keep state."""
-    return Detector(config, camera)
+    return Detector(config)

@@ -183,8 +183,9 @@ def test_benchmark_prints_every_stage_and_writes_json(tmp_path: Path, capsys: py
 
 @pytest.mark.parametrize("option", ["--frames", "--rounds"])
 def test_benchmark_of_nothing_is_refused(option: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert run("benchmark", [option, "0"]) == 2
-    assert "give numbers of at least 1" in capsys.readouterr().err
+    with pytest.raises(SystemExit, match="2"):
+        run("benchmark", [option, "0"])
+    assert f"{option}: '0' is not a whole number of at least 1" in capsys.readouterr().err
 
 
 def test_demo_shows_all_of_it(tmp_path: Path) -> None:

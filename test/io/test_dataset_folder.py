@@ -148,7 +148,7 @@ def test_a_missing_image_is_named(folder):
 def test_sizes_must_agree(folder):
     write_image(folder / "right" / "a.png", np.zeros((HEIGHT, WIDTH - 1, 3), np.uint8))
     with pytest.raises(
-        ValueError, match=rf"a\.png: the right image is 36 x {HEIGHT} pixels, but the left image is {WIDTH}"
+        ValueError, match=rf"frame a: the right image is 36 x {HEIGHT} pixels, but the left image is {WIDTH}"
     ):
         DatasetFolder(folder).frame("a")
 
@@ -177,7 +177,7 @@ def test_calibrations_that_cannot_be_are_refused(folder, values, message):
 @pytest.mark.parametrize("size", [{"width": 640}, {"height": WIDTH}])
 def test_a_calibration_for_another_size_is_refused(folder, size):
     change_calibration(folder, **size)
-    with pytest.raises(ValueError, match=r"a\.png: the calibration is for .* pixels, but the image is 37 x 24"):
+    with pytest.raises(ValueError, match=r"frame a: the calibration is for .* pixels, but the image is 37 x 24"):
         DatasetFolder(folder).frame("a")
 
 

@@ -40,6 +40,24 @@ def test_the_nearest_stamp_wins_and_the_others_wait_on():
     assert (pairs.first.unpaired, pairs.n_pairs) == (0, 2)
 
 
+def test_a_pair_pushes_out_no_message_that_waits():
+    pairs = pairing(capacity=3)
+    for stamp in (0, 1, 2):
+        pairs.add_first(stamp, f"l{stamp}", tolerance_ns=0)
+    pairs.add_second(3, "r3", tolerance_ns=0)
+    assert pairs.add_first(3, "l3", tolerance_ns=0) == ("l3", "r3")
+    assert pairs.add_second(0, "r0", tolerance_ns=0) == ("l0", "r0")
+
+
+def test_partners_that_come_in_order_make_earlier_messages_useless():
+    pairs = StampPairing(TopicQueue("/occupancy"), TopicQueue("/left", is_ordered=True))
+    for stamp in (5, 1, 2, 3, 4):
+        pairs.add_second(stamp, f"l{stamp}", tolerance_ns=0)
+    assert pairs.add_first(3, "o3", tolerance_ns=0) == ("o3", "l3")
+    assert list(pairs.second.waiting) == [5, 4]
+    assert pairs.second.unpaired == 2
+
+
 @pytest.mark.parametrize("late", [1, -(10**18)])
 def test_one_late_message_leaves_the_queue_as_it_is(late):
     pairs = pairing()

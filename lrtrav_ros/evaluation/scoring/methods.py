@@ -24,7 +24,7 @@ from lrtrav_ros.method.matching import Matcher, create_matcher
 from lrtrav_ros.method.superpixels import preemptive_slic
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class MethodDetection:
     """All that a method finds in a frame.
 
@@ -115,7 +115,7 @@ def find_short_range(frame: Frame, config: Config, run: StageRunner) -> MethodDe
 
 def find_by_clusters(frame: Frame, config: Config, run: StageRunner) -> MethodDetection:
     """Extend the short range over clusters of superpixels, as `Detector` does."""
-    detector = Detector(config, frame.camera, matcher=_shared_matcher(config, run))
+    detector = Detector(config, matcher=_shared_matcher(config, run))
     detection = detector.detect_frame(frame, run)
     return MethodDetection(detection.short_range, detection.long_range, detection.times)
 

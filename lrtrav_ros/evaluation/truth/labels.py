@@ -89,5 +89,12 @@ def apply_unknown_rule(truth: NDArray[np.uint8], rule: str) -> NDArray[np.uint8]
     Returns
     -------
     (H, W) ndarray of uint8
+
+    Raises
+    ------
+    ValueError
+        If there is no such rule.
     """
+    if rule not in UNKNOWN_RULES:
+        raise ValueError(f"no rule {rule!r} for unknown pixels; choose one of {', '.join(UNKNOWN_RULES)}")
     return np.where(truth == IGNORED, np.uint8(NOT_TRAVERSABLE), truth) if rule == "not-traversable" else truth
