@@ -14,7 +14,10 @@ from launch_ros.actions import Node
 ARGUMENTS = {
     "namespace": ("", "namespace of the nodes and of their topics"),
     "params_file": ("", "YAML file of parameters; if empty, none is read"),
-    "preset": ("", "robust or paper, for all that params_file does not set; if empty, the file's preset, else robust"),
+    "preset": (
+        "",
+        "robust or paper, for what params_file does not set; a section for one node may name its own preset",
+    ),
     "left": ("left", "namespace of the left camera's image_rect and camera_info"),
     "right": ("right", "namespace of the right camera's image_rect and camera_info"),
     "disparity": ("disparity", "topic of the disparity image"),
@@ -58,7 +61,7 @@ def detector_process(context: LaunchContext) -> list[Node]:
 
 
 def parameter_arguments(*, params_file: str, preset: str) -> list[str]:
-    """Return the ROS arguments for what is given; the preset comes last and so prevails over one in the file."""
+    """Return the ROS arguments for what is given; the preset prevails over one in the file's section for all nodes."""
     file_arguments = ["--params-file", params_file] if params_file else []
     preset_arguments = ["-p", f"preset:={preset}"] if preset else []
     return [*file_arguments, *preset_arguments]

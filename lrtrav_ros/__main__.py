@@ -1,4 +1,4 @@
-"""``python -m lrtrav_ros COMMAND``: the command ``lrtrav``, with a Python of one's choice."""
+"""``python -m lrtrav_ros COMMAND``: the ``lrtrav`` command, run with a Python interpreter of your choice."""
 
 import sys
 

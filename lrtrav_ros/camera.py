@@ -20,12 +20,12 @@ class StereoCamera:
     cx, cy : float
         Principal point of the left image, in pixels.
     baseline_m : float
-        Distance of the two cameras, in metres.
+        Distance between the two cameras, in metres.
     fy : float, optional
         Focal length along columns, in pixels; `fx` where it is not given.
     width, height : int, optional
         Size in pixels of the images that this calibration is for. Give both, and images of another size are refused;
-        without them any size is taken.
+        without them, images of any size are accepted.
 
     Raises
     ------

@@ -1,6 +1,6 @@
 """Every setting of the package: one frozen dataclass per stage of the method, and the presets.
 
-A setting stands here and nowhere else: its default, range, unit and description. ROS parameters, ``--help``, the
+Each setting is defined here and nowhere else: default, range, unit and description. ROS parameters, ``--help``, the
 YAML files in ``config/`` and the README's table are made from this module or checked against it by a test.
 """
 
@@ -35,12 +35,12 @@ _SURELY_MISSPELT = 0.8  # similarity from which on a name can be meant for nobod
 
 @dataclass(frozen=True, slots=True)
 class Parameter:
-    """A setting as the outside sees it: its full name, such as ``stereo.matcher``, and the values it takes.
+    """A setting as users see it: its full name, such as ``stereo.matcher``, and the values it takes.
 
     Parameters
     ----------
     name : str
-        The stage and the field, joined by a dot, where `setting` was given no other name.
+        The stage and the field, joined by a dot, unless `setting` was given another name.
     default : bool, int, float or str
         Its value in the preset ``robust``.
     description : str
@@ -442,14 +442,14 @@ class GroundConfig(CheckedConfig):
     )
     max_step_m: float = setting(
         0.13,
-        "what is higher or lower than this is not ground; set it to what the robot can climb",
+        "largest step up or down that still counts as ground; set it to what the robot can climb",
         minimum=0.0,
         maximum=2.0,
         unit="m",
     )
     min_obstacle_m: float = setting(
         0.3,
-        "what stands this high above the plane is an obstacle; 0 takes the u-disparity's obstacles alone; "
+        "anything at least this high above the ground is an obstacle; 0: only the u-disparity's obstacles; "
         "lower it for robots that must avoid low things",
         minimum=0.0,
         maximum=5.0,
@@ -683,7 +683,7 @@ def find_parameter(name: str) -> Parameter:
 
 
 def foreign_names(names: Iterable[str]) -> tuple[str, ...]:
-    """Return those of `names` that are meant for nodes of others: no parameter here is called so, or nearly so.
+    """Return the names that belong to other packages' nodes: no parameter here has that name or a similar one.
 
     A section for all nodes of a robot, ``/**``, has such names. ``preset``, ``use_sim_time``, ``qos_overrides`` and
     what else every node has are not among them.

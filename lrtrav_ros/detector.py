@@ -141,7 +141,7 @@ class ShortRangeDetector:
     Parameters
     ----------
     config : Config
-        Of its parts `source`, `stereo`, `elas` and `ground`, and `threads`, are used.
+        Only `source`, `stereo`, `elas`, `ground` and `threads` are used.
     matcher : Matcher, optional
         Used in place of the one that `config` names, to share one among detectors.
     """
@@ -190,12 +190,12 @@ def within_reach(disparity: NDArray[np.float32], camera: StereoCamera, limit_m: 
 
 
 class LongRangeDetector:
-    """Extends short-range ground to the horizon: superpixels, their clusters, and what the ground in them tells.
+    """Extends short-range ground to the horizon: clusters superpixels, and judges each cluster by the ground in it.
 
     Parameters
     ----------
     config : Config
-        Of its parts `superpixels`, `features`, `clustering` and `extension` are used.
+        Only `superpixels`, `features`, `clustering` and `extension` are used.
     """
 
     def __init__(self, config: Config) -> None:

@@ -1,4 +1,4 @@
-"""A frame: what a camera saw at one time, however it was recorded."""
+"""A frame: what the camera saw at one instant, whatever format it comes in."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ SOURCES = ("stereo", "disparity", "depth")
 
 _IMAGE_TYPES = (np.uint8, np.uint16)
 _MAX_DISPARITY_PX = 2.0**15
-"""Nothing is this near: depth cameras of any baseline end far below."""
+"""No real disparity is this large, whatever the baseline."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -35,7 +35,7 @@ class Frame:
     right : ndarray, optional
         Right image, rectified like the left one, of its shape and type.
     disparity : (H, W) ndarray of float32, optional
-        Disparity in pixels. What is no disparity (negative, not finite, absurdly large) becomes 0, which means none.
+        Disparity in pixels. Invalid values (negative, not finite, absurdly large) become 0, which means none.
     depth_m : (H, W) ndarray of float32, optional
         Depth in metres; 0 for none, and what is negative or not finite becomes 0.
     name : str
@@ -46,10 +46,10 @@ class Frame:
     Raises
     ------
     TypeError
-        If an image is no NumPy array.
+        If an image is not a NumPy array.
     ValueError
         If not exactly one of `right`, `disparity` and `depth_m` is given, or an array has another type or size; the
-        message says what it got and what it wants.
+        message names the value and what is expected.
     """
 
     camera: StereoCamera
@@ -103,7 +103,7 @@ class Frame:
         if right.shape != self.left.shape or right.dtype != self.left.dtype:
             raise ValueError(
                 f"left image is {self.left.shape} {self.left.dtype}, right image {right.shape} {right.dtype}; "
-                "give images of one number of channels and type"
+                "give images with the same number of channels and the same type"
             )
 
     def _check_size(self, name: str, image: NDArray[Any]) -> None:
@@ -156,7 +156,7 @@ def _shifted(image: Image, bits: int) -> NDArray[np.uint8]:
 
 
 def valid_disparity(disparity: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return disparity in pixels with 0, which means none, in place of what is no disparity.
+    """Return disparity in pixels with invalid values replaced by 0, which means none.
 
     Negative, infinite, absurdly large (2^15 pixels and more) and NaN values are none.
 

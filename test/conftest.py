@@ -5,13 +5,13 @@ import os
 import tempfile
 import warnings
 
-from lrtrav_ros.nodes import shared_memory as transport  # imports nothing of ROS
+from lrtrav_ros.nodes import shared_memory  # imports nothing of ROS
 
 # A domain of its own keeps runs apart, of this user and of others on the same network.
 os.environ["ROS_DOMAIN_ID"] = str(1 + os.getpid() % 100)
 os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
 os.environ["ROS_PYTHON_CHECK_FIELDS"] = "1"
-transport.use_large_segment()
+shared_memory.use_large_segment()
 _LOGS = tempfile.TemporaryDirectory(prefix="lrtrav_ros_log_")
 os.environ["ROS_LOG_DIR"] = _LOGS.name
 

@@ -31,9 +31,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=Path,
         required=True,
         metavar="DIR",
-        help="folder to write to; with several inputs, to a folder in it for each, of the input's name",
+        help="folder to write to; with several inputs, one subfolder for each, named after it",
     )
-    parser.add_argument("--save", default="", metavar="LIST", help=f"what to save besides: all, or out of {_EXTRAS}")
+    parser.add_argument(
+        "--save", default="", metavar="LIST", help=f"what else to save: all, or a comma-separated list of {_EXTRAS}"
+    )
     parser.add_argument("--overwrite", action="store_true", help="replace an output folder that exists, when finished")
     add_parallel_options(parser)
     add_detection_options(parser)

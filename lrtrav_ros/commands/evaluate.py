@@ -37,7 +37,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="folder to write to; an interrupted run resumes there. Results that the code or a setting has changed "
         "since are moved into DIR/superseded-N, and computed anew",
     )
-    parser.add_argument("--methods", metavar="LIST", help=f"out of {_METHODS}; by default all but the last one")
+    parser.add_argument(
+        "--methods", metavar="LIST", help=f"comma-separated list of {_METHODS}; by default all but the last"
+    )
     parser.add_argument(
         "--study",
         choices=("texture", "distance"),
@@ -76,7 +78,7 @@ def _add_reading_options(parser: argparse.ArgumentParser) -> None:
         help="name of an array in .mat files: image=im_rgb, right=im_rgb_right, disparity=im_disparity, "
         "depth=im_depth, truth=manual_human_labeling_mask; or layout=columns|rows, disparity_scale=1; can be repeated",
     )
-    parser.add_argument("--inspect", type=Path, metavar="FILE", help="list the arrays of a .mat file, and do no more")
+    parser.add_argument("--inspect", type=Path, metavar="FILE", help="list the arrays of a .mat file and exit")
 
 
 def _labels(text: str) -> tuple[int, int, int]:

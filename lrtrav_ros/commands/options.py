@@ -1,4 +1,4 @@
-"""Options that all commands share which detect."""
+"""Options shared by all commands that detect."""
 
 from __future__ import annotations
 
@@ -98,7 +98,7 @@ def config_from(args: argparse.Namespace, *, defaults: Mapping[str, Value] | Non
 def settings_from(args: argparse.Namespace) -> dict[str, object]:
     """Return the parameters that the options of `add_setting_options` give, by full name.
 
-    The file's preset is not among them: who has no ``--preset`` has presets of its own.
+    The file's preset is not included: commands without ``--preset`` choose their presets themselves.
 
     Raises
     ------
@@ -109,7 +109,7 @@ def settings_from(args: argparse.Namespace) -> dict[str, object]:
 
 
 def _parameter_file(args: argparse.Namespace) -> ParameterFile:
-    """Read the file of ``--params``; names in it that are meant for nodes of others are reported."""
+    """Read the file of ``--params``; names in it that belong to other packages' nodes are reported."""
     if args.params is None:
         return ParameterFile()
     try:

@@ -104,7 +104,7 @@ class StereoBag:
 
     @property
     def problems(self) -> list[str]:
-        """One line for all that could not be read or used up to now: damage, skipped frames, unpaired images."""
+        """Everything that could not be read or used so far, one line each: damage, skipped frames, unpaired images."""
         return [*self.reader.problems, *self._problems]
 
     def frames(self) -> Iterator[Frame]:
@@ -164,7 +164,7 @@ class StereoBag:
         return [f"{self.reader.path}: {topic} is taken for rectified" for topic in raw]
 
     def _first_infos(self) -> dict[str, Any]:
-        """Return the first CameraInfo of each side; the images before it have none else."""
+        """Return the first CameraInfo of each camera, which also serves the images recorded before it."""
         infos: dict[str, Any] = {}
         for role in (LEFT_INFO, RIGHT_INFO):
             topic = self.inputs.get(role)

@@ -1,4 +1,4 @@
-"""Calibration messages of either ROS, told by their fields, as `StereoCamera`."""
+"""Converts calibration messages, of ROS 1 or ROS 2, to a `StereoCamera`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Salvage from bags that were cut off or damaged: the messages that are whole in their files."""
+"""Recovers intact messages from truncated or damaged bags."""
 
 from __future__ import annotations
 
@@ -162,7 +162,7 @@ def _sqlite_messages(path: Path, report: Report) -> Iterator[RawMessage]:
     """Yield the messages of a database up to the first page that is missing."""
     database = sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro&immutable=1", uri=True)
     try:
-        # SQLite refuses a file that is shorter than its header says, but for those who may repair it.
+        # SQLite refuses a file that is shorter than its header says, except in this mode, which is meant for repairs.
         database.execute("PRAGMA writable_schema=ON")
         topics = {number: names for number, *names in database.execute("SELECT id, name, type FROM topics")}
         for topic, time_ns, data in database.execute("SELECT topic_id, timestamp, data FROM messages ORDER BY id"):
@@ -219,7 +219,7 @@ def _whole(file: BinaryIO, size: int) -> bytes:
 
 
 def _read(file: BinaryIO, size: int) -> bytes:
-    """Read `size` bytes or what is left: a damaged size can be any number, and no memory is there for it."""
+    """Read `size` bytes or what is left: a damaged size may be larger than all memory."""
     position = file.tell()
     rest = file.seek(0, io.SEEK_END) - position
     file.seek(position)

@@ -157,25 +157,6 @@ class DatasetFolder:
         for name in self.names:
             yield FrameFile(self.path.absolute(), self.source, name, opened_ns)
 
-    def truth(self, name: str) -> NDArray[np.uint8] | None:
-        """Read a frame's ground truth: (H, W), 255 traversable, 0 not, 128 ignored; None where there is none.
-
-        Raises
-        ------
-        ValueError
-            If the file is no grey image of 8 bits or has other values.
-        """
-        path = self.path / "gt" / f"{name}.png"
-        if not path.exists():
-            return None
-        image = read_image(path)
-        if image.dtype != np.uint8 or image.ndim != 2:
-            raise ValueError(f"{path}: has shape {image.shape} and type {image.dtype}; give a grey PNG of 8 bits")
-        other = set(np.unique(image).tolist()) - {0, 128, 255}
-        if other:
-            raise ValueError(f"{path}: has the value {min(other)}; give 255 traversable, 0 not, 128 ignored")
-        return image
-
     def _calibration_path(self, name: str) -> Path:
         own = self.path / "calib" / f"{name}.json"
         return own if own.exists() or not (self.path / "calib.json").exists() else self.path / "calib.json"

@@ -1,4 +1,4 @@
-"""Messages of one moment, of rclpy or of rosbags, as a frame: bags and nodes make theirs here, and so alike."""
+"""Converts the messages of one instant, from rclpy or rosbags, to a frame; bags and nodes share this code."""
 
 from __future__ import annotations
 

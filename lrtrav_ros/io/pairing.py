@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Generic, TypeVar
 
 CAPACITY = 16
-"""Largest number of images of a side that wait for a partner: half a second at 30 Hz."""
+"""Largest number of messages of one topic that wait for a partner: half a second at 30 Hz."""
 
 _First = TypeVar("_First")
 _Second = TypeVar("_Second")

@@ -54,7 +54,7 @@ class ParameterFile:
     preset_values : dict of str to bool, int, float or str
         Those that its ``preset`` sets; empty where it names none.
     foreign : tuple of str
-        Names in sections for several nodes that are meant for nodes of others.
+        Names in sections for several nodes that belong to nodes of other packages.
     """
 
     values: dict[str, object] = field(default_factory=dict)
@@ -211,7 +211,7 @@ _Loader.add_implicit_resolver(
 
 
 def _sections(text: str) -> _Sections:
-    """Return the sections of a file; what one sets further down counts as if it stood where the section begins."""
+    """Return the sections of a file; a section that occurs again is merged into its first occurrence."""
     document = yaml.load(text, Loader=_Loader)
     sections: dict[str, dict[str, object]] = {}
     for section, parameters_of_it in _found_sections(document, "") if isinstance(document, tuple) else ():

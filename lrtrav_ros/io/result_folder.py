@@ -99,12 +99,13 @@ def checked_extras(names: Collection[str]) -> tuple[str, ...]:
     """Return the names; raises ValueError if one is not in `EXTRAS`."""
     unknown = sorted(set(names) - set(EXTRAS))
     if unknown:
-        raise ValueError(f"cannot save {unknown[0]!r}; choose out of {', '.join(EXTRAS)}")
+        raise ValueError(f"cannot save {unknown[0]!r}; choose one of {', '.join(EXTRAS)}")
     return tuple(names)
 
 
 class ResultFolder:
-    """Writes masks, pictures, ``frames.csv`` and ``config.yaml`` of a run; every file appears whole or not at all.
+    """Writes masks, pictures, ``frames.csv`` and ``config.yaml`` of a run; every file appears whole or not at all,
+    but for the table, which grows by a row with each frame.
 
     Parameters
     ----------

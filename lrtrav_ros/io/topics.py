@@ -32,7 +32,7 @@ _TRANSPORTS = ("", "/compressed", "/compressedDepth")
 
 
 def required_inputs(source: str) -> tuple[str, ...]:
-    """Return the canonical names of the topics without which there are no frames of a source."""
+    """Return the canonical names of the topics that a source requires."""
     infos = (LEFT_INFO, RIGHT_INFO) if source == "stereo" else (LEFT_INFO,)
     return (LEFT_IMAGE, PARTNER[source], *infos)
 

@@ -43,7 +43,7 @@ def spectral_clusters(distances: NDArray[np.float64], config: ClusteringConfig |
     Raises
     ------
     TypeError, ValueError
-        If `distances` is no such array, or holds a value that is negative or not finite.
+        If `distances` is not such an array, or holds a value that is negative or not finite.
     """
     config = config or ClusteringConfig()
     check_distances("distances", distances)
@@ -75,14 +75,14 @@ def affinity(distances: NDArray[np.float64]) -> NDArray[np.float64]:
     Raises
     ------
     TypeError, ValueError
-        If `distances` is no such array, or holds a value that is negative or not finite.
+        If `distances` is not such an array, or holds a value that is negative or not finite.
     """
     check_distances("distances", distances)
     return _affinity(distances)
 
 
 def _affinity(distances: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the affinity of distances that are known to be some."""
+    """Return the affinity of distances that have been checked."""
     if len(distances) < 2:
         return np.zeros_like(distances)
     others = distances + np.diag(np.full(len(distances), np.inf))
@@ -109,7 +109,7 @@ def automatic_k(eigenvalues: NDArray[np.floating[Any]]) -> int:
     Raises
     ------
     TypeError, ValueError
-        If `eigenvalues` is no such array, is empty, or holds a value that is not finite.
+        If `eigenvalues` is not such an array, is empty, or holds a value that is not finite.
     """
     check_array("eigenvalues", eigenvalues, (np.float32, np.float64), ("n",))
     check_finite("eigenvalues", eigenvalues)

@@ -48,7 +48,7 @@ def extend(
     Raises
     ------
     TypeError, ValueError
-        If an argument is no such array, or the two images differ in size.
+        If an argument is not such an array, or the two images differ in size.
     """
     config = config or ExtensionConfig()
     check_array("superpixels", superpixels, np.int32, ("H", "W"))
@@ -75,7 +75,7 @@ def connected_regions(superpixels: NDArray[np.int32], clusters: NDArray[np.int32
     Raises
     ------
     TypeError, ValueError
-        If an argument is no such array.
+        If an argument is not such an array.
     """
     check_array("superpixels", superpixels, np.int32, ("H", "W"))
     _check_clusters(clusters, superpixels)

@@ -48,7 +48,7 @@ def superpixel_distances(
     Parameters
     ----------
     image : (H, W) or (H, W, 3) ndarray of uint8
-        Grey or BGR. The colour histogram of a grey image tells brightness alone.
+        Grey or BGR. Of a grey image, the colour histogram captures brightness only.
     superpixels : (H, W) ndarray of int32
         Labels 0 .. n - 1.
     config : FeaturesConfig, optional
@@ -206,7 +206,7 @@ def to_grey(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
     Raises
     ------
     TypeError, ValueError
-        If the image is no such array.
+        If the image is not such an array.
     """
     check_image("image", image)
     return image if image.ndim == 2 else cv2.cvtColor(np.ascontiguousarray(image), cv2.COLOR_BGR2GRAY)
@@ -230,7 +230,7 @@ def weber_descriptor(grey: NDArray[np.uint8]) -> NDArray[np.uint8]:
     Raises
     ------
     TypeError, ValueError
-        If the image is no such array.
+        If the image is not such an array.
     """
     grey = _checked_grey(grey)
     sums = cv2.boxFilter(grey, cv2.CV_16U, (3, 3), normalize=False, borderType=cv2.BORDER_REPLICATE)
@@ -264,7 +264,7 @@ def local_binary_pattern(grey: NDArray[np.uint8]) -> NDArray[np.uint8]:
     Raises
     ------
     TypeError, ValueError
-        If the image is no such array.
+        If the image is not such an array.
     """
     grey = _checked_grey(grey)
     return _pattern([neighbour >= grey for neighbour in _neighbours(grey)])
@@ -286,7 +286,7 @@ def centre_symmetric_pattern(grey: NDArray[np.uint8]) -> NDArray[np.uint8]:
     Raises
     ------
     TypeError, ValueError
-        If the image is no such array.
+        If the image is not such an array.
     """
     around = [neighbour.astype(np.int16) for neighbour in _neighbours(_checked_grey(grey))]
     return _pattern([around[i] - around[i + 4] > _CS_LBP_THRESHOLD for i in range(4)])
@@ -308,7 +308,7 @@ def local_ternary_patterns(grey: NDArray[np.uint8]) -> tuple[NDArray[np.uint8], 
     Raises
     ------
     TypeError, ValueError
-        If the image is no such array.
+        If the image is not such an array.
     """
     grey = _checked_grey(grey)
     centre = grey.astype(np.int16)
@@ -335,7 +335,7 @@ def local_homogeneity(grey: NDArray[np.uint8]) -> NDArray[np.uint8]:
     Raises
     ------
     TypeError, ValueError
-        If the image is no such array.
+        If the image is not such an array.
     """
     values = _checked_grey(grey).astype(np.float32)
     mean = cv2.blur(values, (5, 5), borderType=cv2.BORDER_REPLICATE)
@@ -373,7 +373,7 @@ TEXTURES = {
 
 
 def _checked_grey(grey: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Return a grey image (H, W) in one piece of memory, once it is known to be one."""
+    """Check a grey image (H, W) and return it as a contiguous array."""
     check_array("grey", grey, np.uint8, ("H", "W"))
     return np.ascontiguousarray(grey)
 
@@ -414,7 +414,7 @@ def histogram_distances(histograms: NDArray[np.floating[Any]], distance: str = "
     Raises
     ------
     TypeError, ValueError
-        If `histograms` is no such array, or there is no such distance.
+        If `histograms` is not such an array, or there is no such distance.
     """
     if distance not in DISTANCES:
         raise ValueError(f"no histogram distance {distance!r}; choose one of {', '.join(DISTANCES)}")
@@ -481,7 +481,7 @@ DISTANCES: dict[str, Callable[[NDArray[np.float64]], NDArray[np.float64]]] = {
 
 
 def _count_superpixels(image: NDArray[np.uint8], superpixels: NDArray[np.int32]) -> int:
-    """Return the number of superpixels, once image and labels are known to fit."""
+    """Check image and labels, and return the number of superpixels."""
     check_image("image", image)
     check_array("superpixels", superpixels, np.int32, image.shape[:2])
     return check_labels("superpixels", superpixels, superpixels.size) + 1

@@ -34,7 +34,7 @@ OBSTACLE = kernels.OBSTACLE
 """Value of a pixel that is not traversable, or above the horizon."""
 
 UNKNOWN = 255
-"""Value of a pixel of which nothing is known."""
+"""Value of a pixel about which nothing is known."""
 
 NO_GROUND = "no ground line found"
 """The reason that results give for a frame without a ground line."""
@@ -199,7 +199,7 @@ def traversable_mask(occupancy: NDArray[np.uint8]) -> NDArray[np.uint8]:
     Raises
     ------
     TypeError, ValueError
-        If `occupancy` is no such array.
+        If `occupancy` is not such an array.
     """
     check_array("occupancy", occupancy, np.uint8, ("H", "W"))
     return np.where(occupancy == GROUND, np.uint8(255), np.uint8(0))
@@ -228,7 +228,7 @@ def detect_ground(
     Raises
     ------
     TypeError, ValueError
-        If `disparity` is no such array.
+        If `disparity` is not such an array.
     """
     config = config or GroundConfig()
     disparity = _checked("disparity", disparity)
@@ -267,7 +267,7 @@ def u_disparity(disparity: NDArray[np.float32], *, n_disparities: int) -> NDArra
     Raises
     ------
     TypeError, ValueError
-        If `disparity` is no such array, or `n_disparities` is no number above 0.
+        If `disparity` is not such an array, or `n_disparities` is no number above 0.
     """
     disparity = _checked("disparity", disparity)
     check_count("n_disparities", n_disparities)
@@ -292,7 +292,7 @@ def v_disparity(disparity: NDArray[np.float32], *, n_disparities: int) -> NDArra
     Raises
     ------
     TypeError, ValueError
-        If `disparity` is no such array, or `n_disparities` is no number above 0.
+        If `disparity` is not such an array, or `n_disparities` is no number above 0.
     """
     disparity = _checked("disparity", disparity)
     check_count("n_disparities", n_disparities)
@@ -324,7 +324,7 @@ def obstacle_cells(
     Raises
     ------
     TypeError, ValueError
-        If `histogram` is no such array, or `n_rows` is no number above 0.
+        If `histogram` is not such an array, or `n_rows` is no number above 0.
     """
     config = config or GroundConfig()
     check_array("histogram", histogram, np.uint16, ("D", "W"))
@@ -353,7 +353,7 @@ def select_cells(disparity: NDArray[np.float32], cells: NDArray[np.bool_]) -> ND
     Raises
     ------
     TypeError, ValueError
-        If an argument is no such array, or the two differ in width.
+        If an argument is not such an array, or the two differ in width.
     """
     disparity = _checked("disparity", disparity)
     check_array("cells", cells, np.bool_, ("D", disparity.shape[1]))
@@ -385,7 +385,7 @@ def find_ground_line(
     Raises
     ------
     TypeError, ValueError
-        If `histogram` is no such array.
+        If `histogram` is not such an array.
     """
     config = config or GroundConfig()
     check_array("histogram", histogram, np.int32, ("H", "D"))
@@ -456,7 +456,7 @@ def back_project(
 ) -> NDArray[np.uint8]:
     """Return which pixels are on the ground line.
 
-    The tolerance is the disparity's noise and what `max_step_m` makes at the pixel's distance.
+    The tolerance is the disparity's noise plus what a step of `max_step_m` makes at the pixel's distance.
 
     Parameters
     ----------

@@ -49,7 +49,7 @@ def preemptive_slic(image: NDArray[np.uint8], config: SuperpixelsConfig | None =
     Raises
     ------
     TypeError, ValueError
-        If the image is no such array, or empty.
+        If the image is not such an array, or empty.
 
     Examples
     --------

@@ -38,7 +38,7 @@ def subscribe_image(
     return subscribe(node, CompressedImage, f"{node.resolve_topic_name(topic)}/{transport}", callback)
 
 
-def publish_on(node: Node, kind: type[Any], topic: str) -> Publisher:
+def advertise(node: Node, kind: type[Any], topic: str) -> Publisher:
     """Return a reliable publisher of which only the newest message counts."""
     return node.create_publisher(kind, topic, QoSProfile(depth=1), qos_overriding_options=_OVERRIDES)
 

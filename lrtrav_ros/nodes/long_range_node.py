@@ -58,11 +58,11 @@ class LongRangeNode(Node):
         super().destroy_node()
 
     def _advertise(self) -> None:
-        self._mask = endpoints.publish_on(self, Image, "long_range/mask")
-        self._occupancy = endpoints.publish_on(self, Image, "long_range/occupancy")
-        self._superpixels = endpoints.publish_on(self, Image, "long_range/superpixels")
-        self._clusters = endpoints.publish_on(self, Image, "long_range/clusters")
-        self._overlay = endpoints.publish_on(self, Image, "long_range/overlay")
+        self._mask = endpoints.advertise(self, Image, "long_range/mask")
+        self._occupancy = endpoints.advertise(self, Image, "long_range/occupancy")
+        self._superpixels = endpoints.advertise(self, Image, "long_range/superpixels")
+        self._clusters = endpoints.advertise(self, Image, "long_range/clusters")
+        self._overlay = endpoints.advertise(self, Image, "long_range/overlay")
 
     def _subscribe(self) -> StampPairing[Any, Any]:
         compressed = self._settings.config.source.compressed

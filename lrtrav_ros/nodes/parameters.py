@@ -19,9 +19,8 @@ _INT64_MAX = 2**63 - 1
 class Settings:
     """Declares parameters on a node and keeps `config` up to date.
 
-    A change is checked as a whole and then takes effect at once: who reads `config` sees all of a batch or nothing.
-    Values given at the start for parameters that only nodes of others have are warned of: sections for all nodes of a
-    robot have such.
+    A change is checked as a whole and then takes effect at once: whoever reads `config` sees all of a batch or none.
+    Values for parameters of other packages' nodes, which sections for all nodes contain, are ignored with a warning.
 
     Parameters
     ----------

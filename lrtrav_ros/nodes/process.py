@@ -54,7 +54,7 @@ def run_nodes(factories: Sequence[Callable[[], Node]], *, ros_args: Sequence[str
         if rclpy.ok():  # else a signal ended ROS while a node was being made
             raise
     finally:
-        # A second one, which `ros2 launch` sends, would end the process in the midst of this.
+        # A second signal, which `ros2 launch` sends, would interrupt this cleanup.
         signal.signal(signal.SIGINT, signal.SIG_IGN)
         for node in nodes:
             node.destroy_node()
@@ -83,7 +83,7 @@ def _return_freed_images() -> None:
 
 
 def _compile_apart() -> None:
-    """Compile what is not cached yet, and then start anew: the compiler leaves 130 MB that nothing else needs."""
+    """Compile what is not cached yet, then restart the process: the compiler would keep 130 MB that nothing needs."""
     if compile_kernels(Config()) and _COMPILED not in os.environ:
         os.environ[_COMPILED] = "1"  # once only: there may be no place to cache kernels
         os.execv(sys.executable, sys.orig_argv)

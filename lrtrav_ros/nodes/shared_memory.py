@@ -1,4 +1,4 @@
-"""A shared-memory segment of Fast DDS that holds images; its stock one of 0.5 MB loses every second one."""
+"""A shared-memory segment of Fast DDS that holds images: with the default one of 0.5 MB, every second is lost."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def profile_file() -> Path | None:
 
 
 def _has_room() -> bool:
-    """Return whether three processes fit into shared memory."""
+    """Return whether a few processes' segments fit into shared memory."""
     try:
         space = os.statvfs(_SHARED_MEMORY)
     except OSError:

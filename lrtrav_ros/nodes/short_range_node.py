@@ -56,12 +56,12 @@ class ShortRangeNode(Node):
         super().destroy_node()
 
     def _advertise(self, *, with_disparity: bool) -> None:
-        self._disparity = endpoints.publish_on(self, DisparityImage, DISPARITY) if with_disparity else None
-        self._mask = endpoints.publish_on(self, Image, "short_range/mask")
-        self._occupancy = endpoints.publish_on(self, Image, "short_range/occupancy")
-        self._u_disparity = endpoints.publish_on(self, Image, "short_range/u_disparity")
-        self._v_disparity = endpoints.publish_on(self, Image, "short_range/v_disparity")
-        self._obstacle_disparity = endpoints.publish_on(self, Image, "short_range/obstacle_disparity")
+        self._disparity = endpoints.advertise(self, DisparityImage, DISPARITY) if with_disparity else None
+        self._mask = endpoints.advertise(self, Image, "short_range/mask")
+        self._occupancy = endpoints.advertise(self, Image, "short_range/occupancy")
+        self._u_disparity = endpoints.advertise(self, Image, "short_range/u_disparity")
+        self._v_disparity = endpoints.advertise(self, Image, "short_range/v_disparity")
+        self._obstacle_disparity = endpoints.advertise(self, Image, "short_range/obstacle_disparity")
 
     def _process(self, frame_messages: FrameMessages) -> None:
         frame = frame_of(frame_messages)

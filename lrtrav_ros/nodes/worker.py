@@ -9,20 +9,20 @@ from collections import deque
 from collections.abc import Callable
 from typing import Generic, TypeVar
 
-Frame = TypeVar("Frame")
+_Item = TypeVar("_Item")
 
 _RATE_WINDOW_S = 5.0
 
 
-class Worker(Generic[Frame]):
+class Worker(Generic[_Item]):
     """Runs `process` on one frame after the other in a thread of its own, and keeps count.
 
     Parameters
     ----------
     process : callable
-        What is done with a frame.
+        Processes one frame.
     failed : callable
-        Called with a frame's exception, whatever it is; the worker goes on with the next frame.
+        Called with the exception that a frame raised, whatever it is; the worker continues with the next frame.
 
     Attributes
     ----------
@@ -32,7 +32,7 @@ class Worker(Generic[Frame]):
         Why the last frame failed; empty where it did not.
     """
 
-    def __init__(self, process: Callable[[Frame], None], *, failed: Callable[[Exception], None]) -> None:
+    def __init__(self, process: Callable[[_Item], None], *, failed: Callable[[Exception], None]) -> None:
         self.processed = 0
         self.dropped = 0
         self.failed = 0
@@ -41,13 +41,13 @@ class Worker(Generic[Frame]):
         self._report = failed
         self._durations_s: deque[float] = deque(maxlen=100)
         self._finished_s: deque[float] = deque(maxlen=1000)
-        self._slot: list[Frame] = []
+        self._slot: list[_Item] = []
         self._closed = False
         self._changed = threading.Condition()
         self._thread = threading.Thread(target=self._run, name="worker", daemon=True)
         self._thread.start()
 
-    def put(self, frame: Frame) -> None:
+    def put(self, frame: _Item) -> None:
         """Leave a frame for the worker; one that still waits is replaced and counted as dropped."""
         with self._changed:
             self.dropped += len(self._slot)
@@ -78,7 +78,7 @@ class Worker(Generic[Frame]):
         """Median of the milliseconds that the last hundred frames took; 0 before the first."""
         return 1e3 * statistics.median(tuple(self._durations_s)) if self._durations_s else 0.0
 
-    def _take(self) -> Frame | None:
+    def _take(self) -> _Item | None:
         """Wait for a frame and return it, or None when the worker is to end."""
         with self._changed:
             self._changed.wait_for(lambda: self._slot or self._closed)

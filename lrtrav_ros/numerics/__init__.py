@@ -1,1 +1,1 @@
-"""Foundations of the arithmetic: compiled kernels, checks of their arguments, and BLAS that repeats itself."""
+"""Numerical foundations: how kernels are compiled, checks of their arguments, and reproducible BLAS."""

@@ -1,4 +1,4 @@
-"""Linear algebra that gives the same bits on every machine with the same processor, however many cores it may use.
+"""Linear algebra that is reproducible bit for bit on the same processor, whatever the number of cores.
 
 BLAS splits sums over its threads, so that the last bits depend on their number: one more core, or a limit that a
 cluster sets for its workers, could then move a superpixel into another cluster.
@@ -25,5 +25,5 @@ def one_blas_thread() -> Iterator[None]:
 
 @lru_cache(maxsize=1)
 def _controller() -> ThreadpoolController:
-    """Return the BLAS libraries of this process; to find them takes some milliseconds."""
+    """Return the BLAS libraries of this process; cached, because finding them takes a few milliseconds."""
     return ThreadpoolController()

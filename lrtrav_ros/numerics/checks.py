@@ -1,4 +1,4 @@
-"""Checks of arrays, which public functions make before they hand them to a kernel: a kernel trusts what it is given."""
+"""Argument checks that public functions run before they call a kernel; kernels trust their arguments."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def check_array(
     Raises
     ------
     TypeError
-        If it is no NumPy array.
+        If it is not a NumPy array.
     ValueError
         If it has another type or shape.
 
@@ -83,7 +83,7 @@ def check_distances(name: str, distances: NDArray[np.float64]) -> None:
     Raises
     ------
     TypeError
-        If it is no NumPy array.
+        If it is not a NumPy array.
     ValueError
         If it is no such matrix.
     """
@@ -105,7 +105,7 @@ def check_count(name: str, count: int) -> None:
     Raises
     ------
     TypeError
-        If it is no whole number.
+        If it is not a whole number.
     ValueError
         If it is below 1.
     """

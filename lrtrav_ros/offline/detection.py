@@ -17,7 +17,7 @@ from lrtrav_ros.io.bag_frames import UnusableFrame
 from lrtrav_ros.io.dataset_folder import FrameFile
 from lrtrav_ros.io.recording import RecordedFrame, Recording, open_recording
 from lrtrav_ros.io.result_folder import FrameResult, ResultFolder, frame_result, unusable_frame
-from lrtrav_ros.offline.parallel import TaskError, run_tasks
+from lrtrav_ros.offline.parallel import TaskFailure, run_tasks
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,7 +77,7 @@ def detect_recording(
         n_done = n_without_ground = 0
         skipped = []
         for result in tqdm(results, desc=path.name, total=len(recording), unit="frame", disable=None):
-            if isinstance(result, TaskError):
+            if isinstance(result, TaskFailure):
                 raise RuntimeError(result.message)
             folder.write(result)
             n_done += bool(result.files)

@@ -25,7 +25,7 @@ _WATCH_S = 1.0
 
 
 @dataclass(frozen=True, slots=True)
-class TaskError:
+class TaskFailure:
     """Stands in place of the result of a task that raised ValueError or OSError; `message` is what it said."""
 
     message: str
@@ -33,7 +33,7 @@ class TaskError:
 
 def run_tasks(
     function: Callable[[_Task], _Result], tasks: Iterable[_Task], *, jobs: int = 1, cluster: str | None = None
-) -> Iterator[_Result | TaskError]:
+) -> Iterator[_Result | TaskFailure]:
     """Call `function` with each task and yield the results, in the order of the tasks.
 
     The results do not depend on `jobs` and `cluster`. Tasks are taken from `tasks` as they are needed, one at a time
@@ -45,7 +45,7 @@ def run_tasks(
     function : callable
         A function of a module, so that other processes can import it.
     tasks : iterable
-        What `pickle` can carry; what it raises is raised after the results of the tasks before.
+        Picklable tasks; an exception raised by the iterable is raised after the results of the tasks before it.
     jobs : int
         Number of processes; 1 for this one, 0 for as many as there are processors.
     cluster : str, optional
@@ -69,7 +69,7 @@ def run_tasks(
     return _in_processes(function, tasks, jobs) if jobs > 1 else _here(function, tasks)
 
 
-def _here(function: Callable[[_Task], _Result], tasks: Iterable[_Task]) -> Iterator[_Result | TaskError]:
+def _here(function: Callable[[_Task], _Result], tasks: Iterable[_Task]) -> Iterator[_Result | TaskFailure]:
     for task in tasks:
         with threadpool_limits(1):
             outcome = _outcome(function, task)
@@ -78,7 +78,7 @@ def _here(function: Callable[[_Task], _Result], tasks: Iterable[_Task]) -> Itera
 
 def _in_processes(
     function: Callable[[_Task], _Result], tasks: Iterable[_Task], jobs: int
-) -> Iterator[_Result | TaskError]:
+) -> Iterator[_Result | TaskFailure]:
     with parallel_config(backend="loky", inner_max_num_threads=1):
         parallel = _parallel(jobs)
     try:
@@ -89,7 +89,7 @@ def _in_processes(
 
 def _on_cluster(
     function: Callable[[_Task], _Result], tasks: Iterable[_Task], address: str
-) -> Iterator[_Result | TaskError]:
+) -> Iterator[_Result | TaskFailure]:
     try:
         from distributed import Client, KilledWorker
     except ImportError as err:
@@ -110,7 +110,7 @@ def _parallel(jobs: int) -> Parallel:
 
 def _results(
     parallel: Parallel, function: Callable[[_Task], _Result], tasks: Iterable[_Task], *, parent: int | None = None
-) -> Iterator[_Result | TaskError]:
+) -> Iterator[_Result | TaskFailure]:
     """Yield the results; processes that are children of `parent` end with it."""
     given = _Given(tasks)
     results = parallel(delayed(_run)(function, task, parent) for task in given)
@@ -143,7 +143,7 @@ class _Given(Generic[_Task]):
             self.error = err
 
 
-def _run(function: Callable[[Any], _Result], task: bytes, parent: int | None) -> _Result | TaskError:
+def _run(function: Callable[[Any], _Result], task: bytes, parent: int | None) -> _Result | TaskFailure:
     """Run a task in a worker process."""
     _use_one_thread()
     if parent is not None:
@@ -170,8 +170,8 @@ def _end_with(parent: int) -> None:
     threading.Thread(target=watch, daemon=True).start()
 
 
-def _outcome(function: Callable[[_Task], _Result], task: _Task) -> _Result | TaskError:
+def _outcome(function: Callable[[_Task], _Result], task: _Task) -> _Result | TaskFailure:
     try:
         return function(task)
     except (ValueError, OSError) as err:
-        return TaskError(str(err))
+        return TaskFailure(str(err))

@@ -119,7 +119,7 @@ class View(NamedTuple):
     height: int
 
 
-class Picture(NamedTuple):
+class RenderedView(NamedTuple):
     """An image with its exact depth.
 
     Parameters
@@ -137,7 +137,7 @@ class Picture(NamedTuple):
     surface: NDArray[np.uint8]
 
 
-def cast(scene: Scene, view: View, executor: Executor, n_parts: int) -> tuple[Picture, list[Future[None]]]:
+def cast(scene: Scene, view: View, executor: Executor, n_parts: int) -> tuple[RenderedView, list[Future[None]]]:
     """Start to cast the rays of a view.
 
     Parameters
@@ -153,7 +153,7 @@ def cast(scene: Scene, view: View, executor: Executor, n_parts: int) -> tuple[Pi
 
     Returns
     -------
-    picture : Picture
+    picture : RenderedView
         Whole when all parts are done.
     parts : list of Future
         One for each band.
@@ -173,7 +173,7 @@ def cast(scene: Scene, view: View, executor: Executor, n_parts: int) -> tuple[Pi
     surface = np.empty(size, np.uint8)
     tiles = _tiles(scene.solids, view)
     edges = [view.width * part // n_parts for part in range(n_parts + 1)]
-    return Picture(colour, depth_m, surface), [
+    return RenderedView(colour, depth_m, surface), [
         executor.submit(kernels.cast_columns, scene, view, tiles, first, last, colour, depth_m, surface)
         for first, last in itertools.pairwise(edges)
     ]

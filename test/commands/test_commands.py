@@ -92,7 +92,7 @@ def test_failure_is_one_line_on_standard_error_and_exits_with_1(
         (["detect", "x", "--output", "y", "--set", "threads"], "--set threads: write STAGE.FIELD=VALUE"),
         (["detect", "x", "--output", "y", "--set", "k=1"], "no parameter 'k'; did you mean clustering.k?"),
         (["detect", "x", "--output", "y", "--set", "clustering.k=many"], "clustering.k is 'many'; give int"),
-        (["detect", "x", "--output", "y", "--save", "normals"], "--save normals: cannot save 'normals'; choose out of"),
+        (["detect", "x", "--output", "y", "--save", "normals"], "--save normals: cannot save 'normals'; choose one of"),
         (["detect", "x", "--output", "y", "--params", "none.yaml"], "No such file or directory: 'none.yaml'"),
         (["detect", "x", "--output", "y", "--params", "PARAMS"], "PARAMS: no parameter 'stereo.mathcer'; did you mean"),
         (["evaluate", "x", "--output", "y", "--params", "PARAMS"], "PARAMS: no parameter 'stereo.mathcer'"),

@@ -178,7 +178,7 @@ def test_save_adds_what_is_named(dataset, out):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (("--save", "normals"), "cannot save 'normals'; choose out of disparity"),
+        (("--save", "normals"), "cannot save 'normals'; choose one of disparity"),
         (("--set", "clustering.q=3"), "no parameter 'clustering.q'; did you mean clustering.k"),
         (("--set", "clustering.k=many"), "clustering.k is 'many'"),
         (("--set", "clustering.k"), "write STAGE.FIELD=VALUE"),
@@ -384,7 +384,7 @@ def test_images_of_different_size_are_skipped(broken, out, capsys):
 def test_grey_image_beside_colour_is_skipped(broken, out, capsys):
     path = broken / "right" / f"{NAMES[0]}.png"
     write_image(path, read_image(path)[..., 0])
-    skipped(broken, out, capsys, NAMES[0], "give images of one number of channels")
+    skipped(broken, out, capsys, NAMES[0], "give images with the same number of channels")
 
 
 def test_image_of_another_bit_depth_is_skipped(out, tmp_path, capsys):

@@ -63,12 +63,6 @@ def test_stereo_frames_come_back(folder):
         assert frame.disparity is frame.depth_m is frame.stamp_ns is None
 
 
-def test_truth_is_optional(folder):
-    dataset = DatasetFolder(folder)
-    assert np.array_equal(dataset.truth("b"), truth())
-    assert dataset.truth("a") is None
-
-
 @pytest.mark.parametrize("key", ["disparity", "depth_m"])
 def test_disparity_and_depth_come_back(tmp_path, depth, key):
     write_frame(tmp_path, make_frame("x", **{key: depth}))
@@ -216,17 +210,3 @@ def test_two_images_of_one_name_are_refused(folder):
     write_image(folder / "left" / "a.jpg", np.zeros((HEIGHT, WIDTH), np.uint8))
     with pytest.raises(ValueError, match=r"a\.png: the folder has a\.jpg too"):
         DatasetFolder(folder)
-
-
-@pytest.mark.parametrize(
-    ("image", "message"),
-    [
-        (np.ones((HEIGHT, WIDTH), np.uint8), "has the value 1; give 255 traversable"),
-        (np.zeros((HEIGHT, WIDTH, 3), np.uint8), "give a grey PNG of 8 bits"),
-        (np.zeros((HEIGHT, WIDTH), np.uint16), "give a grey PNG of 8 bits"),
-    ],
-)
-def test_truth_of_another_kind_is_refused(folder, image, message):
-    write_image(folder / "gt" / "a.png", image)
-    with pytest.raises(ValueError, match=rf"a\.png: .*{message}"):
-        DatasetFolder(folder).truth("a")

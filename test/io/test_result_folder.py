@@ -97,7 +97,7 @@ def test_configuration_is_read_back(tmp_path):
 
 
 def test_unknown_extra_is_refused():
-    with pytest.raises(ValueError, match="cannot save 'normals'; choose out of disparity, superpixels"):
+    with pytest.raises(ValueError, match="cannot save 'normals'; choose one of disparity, superpixels"):
         checked_extras(["disparity", "normals"])
 
 

@@ -13,7 +13,7 @@ pytest.importorskip("rclpy")
 from diagnostic_msgs.msg import DiagnosticStatus
 from ros_graph import ROOT, Graph, process_starter
 
-from lrtrav_ros.nodes import shared_memory as transport
+from lrtrav_ros.nodes import shared_memory
 
 COMMAND = "import sys; from lrtrav_ros.commands import run; sys.exit(run(sys.argv[1], sys.argv[2:]))"
 FAST = ["-p", "stereo.matcher:=bm"]
@@ -103,19 +103,19 @@ def test_help_does_not_import_ros(name):
 
 
 def test_profile_is_used_unless_the_user_has_one(monkeypatch):
-    monkeypatch.setattr(transport, "_has_room", lambda: True)
-    for name in transport._VARIABLES:
+    monkeypatch.setattr(shared_memory, "_has_room", lambda: True)
+    for name in shared_memory._VARIABLES:
         monkeypatch.delenv(name, raising=False)
-    transport.use_large_segment()
+    shared_memory.use_large_segment()
     assert Path(os.environ["FASTRTPS_DEFAULT_PROFILES_FILE"]) == ROOT / "config" / "fastdds.xml"
     monkeypatch.setenv("FASTRTPS_DEFAULT_PROFILES_FILE", "mine.xml")
-    transport.use_large_segment()
+    shared_memory.use_large_segment()
     assert os.environ["FASTRTPS_DEFAULT_PROFILES_FILE"] == "mine.xml"
 
 
 def test_small_shared_memory_keeps_the_stock_segment(monkeypatch):
-    monkeypatch.setattr(transport, "_has_room", lambda: False)
-    for name in transport._VARIABLES:
+    monkeypatch.setattr(shared_memory, "_has_room", lambda: False)
+    for name in shared_memory._VARIABLES:
         monkeypatch.delenv(name, raising=False)
-    transport.use_large_segment()
-    assert not set(transport._VARIABLES) & set(os.environ)
+    shared_memory.use_large_segment()
+    assert not set(shared_memory._VARIABLES) & set(os.environ)

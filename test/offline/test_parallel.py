@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 from lrtrav_ros.offline import parallel
-from lrtrav_ros.offline.parallel import TaskError, run_tasks
+from lrtrav_ros.offline.parallel import TaskFailure, run_tasks
 
 
 @pytest.mark.parametrize("jobs", [1, 2, 3, 0])
@@ -34,7 +34,7 @@ def test_order_does_not_depend_on_how_long_tasks_take():
 def test_errors_of_tasks_are_values(jobs):
     results = list(run_tasks(math.sqrt, [4, -1, 9], jobs=jobs))
     assert results[0] == 2
-    assert isinstance(results[1], TaskError)
+    assert isinstance(results[1], TaskFailure)
     assert results[1].message
     assert results[2] == 3
     missing = list(run_tasks(os.stat, ["/none/of/this", "/"], jobs=jobs))

@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from lrtrav_ros.synthetic import raycasting
-from lrtrav_ros.synthetic.raycasting import BOX, SKY, SOLID, Bins, Picture, Scene, View
+from lrtrav_ros.synthetic.raycasting import BOX, SKY, SOLID, Bins, RenderedView, Scene, View
 
 ARRAYS = [name for name in Scene._fields if name != "bins"]
 
@@ -41,7 +41,7 @@ def view() -> View:
     return View(np.array([0.0, 0.0, 1.0]), rotation, 20.0, 11.5, 7.5, 24, 16)
 
 
-def cast(scene: Scene, view: View, n_parts: int = 2) -> Picture:
+def cast(scene: Scene, view: View, n_parts: int = 2) -> RenderedView:
     with ThreadPoolExecutor(1) as executor:
         picture, parts = raycasting.cast(scene, view, executor, n_parts)
         for part in parts:

@@ -19,7 +19,7 @@ from lrtrav_ros.evaluation.truth.labelled_sets import LabelledFrame, LabelledIte
 from lrtrav_ros.evaluation.truth.labels import apply_unknown_rule
 from lrtrav_ros.evaluation.truth.opening import NamedSet
 from lrtrav_ros.io import pictures
-from lrtrav_ros.offline.parallel import TaskError, run_tasks
+from lrtrav_ros.offline.parallel import TaskFailure, run_tasks
 
 _WIDTH_PX = 560
 _QUALITY = 80
@@ -106,7 +106,7 @@ def make_gallery(
     results = run_tasks(make_pictures, tasks, jobs=jobs, cluster=cluster)
     progress = tqdm(results, desc="pictures", total=len(tasks), unit="frame", disable=None)
     for task, result in zip(tasks, progress, strict=True):
-        if not isinstance(result, TaskError):
+        if not isinstance(result, TaskFailure):
             for seeded, of_method in zip(task.methods, result, strict=True):
                 made[task.set, task.item.name, seeded.method.name] = of_method
     return [

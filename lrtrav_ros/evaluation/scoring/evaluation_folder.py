@@ -20,7 +20,7 @@ from lrtrav_ros.evaluation.scoring.frame_evaluation import FrameOutcome, FrameTa
 from lrtrav_ros.evaluation.scoring.score_records import FrameRecord, FrameTimes, Record, from_json, to_json
 from lrtrav_ros.evaluation.truth.opening import NamedSet
 from lrtrav_ros.io.atomic_files import write_bytes
-from lrtrav_ros.offline.parallel import TaskError, run_tasks
+from lrtrav_ros.offline.parallel import TaskFailure, run_tasks
 
 _IDENTITY_FILE = "run.json"
 _RESULTS = ("records", "times", "masks", "configs", "scores.csv", "times.csv", "summary.json", "report.html")
@@ -28,7 +28,7 @@ _RESULTS = ("records", "times", "masks", "configs", "scores.csv", "times.csv", "
 
 @dataclass(frozen=True, slots=True)
 class Superseded:
-    """Earlier results that were moved aside: where they are now, and the changes that they do not go with."""
+    """Earlier results that were moved aside: where they are now, and which changes made them obsolete."""
 
     path: Path
     changes: tuple[str, ...]
@@ -114,7 +114,7 @@ def _read(kind: type[Record], path: Path) -> Record | None:
 
 @dataclass(frozen=True, slots=True)
 class Resumption:
-    """Frames that an earlier run had finished: how many were kept, and how many were not, for their files changed."""
+    """Frames that an earlier run had finished: those that were kept, and those whose files have changed since."""
 
     n_kept: int
     n_changed: int
@@ -125,7 +125,7 @@ class _PendingFrames:
     """The frames of a set that are still to do, by name, with what identifies their files."""
 
     set: NamedSet
-    inputs: dict[str, str]
+    digests: dict[str, str]
     n_changed: int
 
 
@@ -162,31 +162,31 @@ def evaluate_frames(
     """
     pending = [_pending_frames(item, folder) for item in sets]
     n_frames = sum(len(item.frames.names) for item in sets)
-    n_kept = n_frames - sum(len(item.inputs) for item in pending)
+    n_kept = n_frames - sum(len(item.digests) for item in pending)
     outcomes = run_tasks(evaluate_frame, _tasks(pending, setup, unknown), jobs=jobs, cluster=cluster)
     for outcome in tqdm(outcomes, total=n_frames, initial=n_kept, unit="frame", disable=None):
-        if isinstance(outcome, TaskError):
+        if isinstance(outcome, TaskFailure):
             raise RuntimeError(outcome.message)
         folder.write(outcome)
     return Resumption(n_kept, sum(item.n_changed for item in pending))
 
 
 def _pending_frames(item: NamedSet, folder: EvaluationFolder) -> _PendingFrames:
-    inputs, n_changed = {}, 0
+    digests, n_changed = {}, 0
     for name in item.frames.names:
         identity = _identity_of(item.frames.files(name))
         record = folder.record(item.name, name)
-        if record is None or record.error or record.inputs != identity or folder.times(item.name, name) is None:
-            inputs[name] = identity
-            n_changed += record is not None and not record.error and record.inputs != identity
-    return _PendingFrames(item, inputs, n_changed)
+        if record is None or record.error or record.files_digest != identity or folder.times(item.name, name) is None:
+            digests[name] = identity
+            n_changed += record is not None and not record.error and record.files_digest != identity
+    return _PendingFrames(item, digests, n_changed)
 
 
 def _tasks(pending: Sequence[_PendingFrames], setup: Setup, unknown: str) -> Iterator[FrameTask]:
     for frames in pending:
-        labelled, inputs = frames.set.frames, frames.inputs
-        for item in labelled.items(inputs) if inputs else ():
-            yield FrameTask(frames.set.name, item, unknown or labelled.unknown_rule, inputs[item.name], setup)
+        labelled, digests = frames.set.frames, frames.digests
+        for item in labelled.items(digests) if digests else ():
+            yield FrameTask(frames.set.name, item, unknown or labelled.unknown_rule, digests[item.name], setup)
 
 
 def _identity_of(files: Sequence[Path]) -> str:

@@ -1,4 +1,4 @@
-"""All that results depend on besides the frames, so that a change of it is noticed and can be named."""
+"""Everything besides the frames that results depend on, so that a change can be detected and named."""
 
 from __future__ import annotations
 

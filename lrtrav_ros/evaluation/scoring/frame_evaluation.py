@@ -104,8 +104,8 @@ class FrameTask:
         The frame, to be read.
     unknown_rule : str
         What unknown pixels count as; one of `labels.UNKNOWN_RULES`.
-    inputs : str
-        What its record says of the files that it is read from.
+    files_digest : str
+        Digest of the files that it is read from, kept in its record.
     setup : Setup
         The methods.
     """
@@ -113,7 +113,7 @@ class FrameTask:
     set: str
     item: LabelledItem
     unknown_rule: str
-    inputs: str
+    files_digest: str
     setup: Setup
 
 
@@ -141,7 +141,7 @@ def evaluate_frame(task: FrameTask) -> FrameOutcome:
         with _one_opencv_thread():
             return _evaluate(task, task.item.read())
     except (OSError, ValueError, cv2.error) as err:
-        record = FrameRecord(task.set, name, (), error=" ".join(str(err).split()), inputs=task.inputs)
+        record = FrameRecord(task.set, name, (), error=" ".join(str(err).split()), files_digest=task.files_digest)
         return FrameOutcome(record, FrameTimes(task.set, name, ()))
 
 
@@ -180,7 +180,7 @@ def _evaluate(task: FrameTask, labelled: LabelledFrame) -> FrameOutcome:
         times.append(MethodTimes(method, detections[0].times))
         if task.setup.save_masks:
             masks.append(MaskFile(method, encode_file("mask.png", detections[0].mask)))
-    record = FrameRecord(task.set, name, tuple(records), inputs=task.inputs)
+    record = FrameRecord(task.set, name, tuple(records), files_digest=task.files_digest)
     return FrameOutcome(record, FrameTimes(task.set, name, tuple(times)), tuple(masks))
 
 

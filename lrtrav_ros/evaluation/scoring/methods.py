@@ -62,7 +62,7 @@ class Method:
     Parameters
     ----------
     name, description : str
-        As tables and the report have them.
+        As shown in the tables and the report.
     preset : str
         The configuration that it starts from; one of `config.PRESETS`.
     find : callable
@@ -221,12 +221,12 @@ def choose_methods(names: Iterable[str]) -> list[Method]:
     chosen: dict[str, Method] = {}
     for name in names:
         if name not in METHODS:
-            raise ValueError(f"no method {name!r}; choose out of {', '.join(METHODS)}")
+            raise ValueError(f"no method {name!r}; choose one of {', '.join(METHODS)}")
         if name in chosen:
             raise ValueError(f"method {name!r} is named twice; name it once")
         if METHODS[name].needs_sklearn and find_spec("sklearn") is None:
             raise ValueError(f"{name} needs scikit-learn: install lrtrav_ros[evaluation], or leave it out of --methods")
         chosen[name] = METHODS[name]
     if not chosen:
-        raise ValueError(f"no method is named; choose out of {', '.join(METHODS)}")
+        raise ValueError(f"no method is named; choose one of {', '.join(METHODS)}")
     return list(chosen.values())

@@ -66,7 +66,7 @@ class FrameRecord:
         Empty where the frame could not be used.
     error : str
         Why it could not; empty where it could.
-    inputs : str
+    files_digest : str
         A digest of the files that the frame was read from, by which a change of them is noticed.
     """
 
@@ -74,7 +74,7 @@ class FrameRecord:
     frame: str
     methods: tuple[MethodRecord, ...]
     error: str = ""
-    inputs: str = ""
+    files_digest: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -146,7 +146,7 @@ MEAN = "mean"
 
 
 @dataclass(frozen=True, slots=True)
-class FrameError:
+class FailedFrame:
     """A frame that could not be used, and why."""
 
     frame: str
@@ -163,7 +163,7 @@ class SetSummary:
         Its name in the results, and where it lies.
     n_frames : int
         Its frames with truth.
-    errors : tuple of FrameError
+    errors : tuple of FailedFrame
         Those of them that could not be used.
     n_without_truth : int
         Frames beside them that have no truth.
@@ -174,7 +174,7 @@ class SetSummary:
     name: str
     path: str
     n_frames: int
-    errors: tuple[FrameError, ...]
+    errors: tuple[FailedFrame, ...]
     n_without_truth: int
     unknown: str
 

@@ -26,7 +26,7 @@ class SharedStages:
         self._calls: dict[tuple[Stage, Callable[..., Any]], list[_Call]] = {}
 
     def runner(self) -> StageRunner:
-        """Return a runner for one method: a stage that ran before, for whichever method, counts with its time then."""
+        """Return a runner for one method; a stage that already ran for another counts with the time it took then."""
         return _SharingRunner(self)
 
     def call(self, stage: Stage, function: Callable[_P, _R], *args: _P.args, **kwargs: _P.kwargs) -> tuple[_R, float]:

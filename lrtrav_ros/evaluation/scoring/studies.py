@@ -1,4 +1,4 @@
-"""Studies: the choices of one setting, compared in full, of which the paper only gives a summary."""
+"""Studies: full comparisons of the choices of one setting, which the paper only summarises."""
 
 from __future__ import annotations
 

@@ -12,7 +12,7 @@ from lrtrav_ros.evaluation.scoring.frame_evaluation import SeededMethod, Setup
 from lrtrav_ros.evaluation.scoring.paper_figures import paper_mean, paper_scores
 from lrtrav_ros.evaluation.scoring.score_records import (
     MEAN,
-    FrameError,
+    FailedFrame,
     FrameRecord,
     MethodRecord,
     MethodSummary,
@@ -159,7 +159,7 @@ def _set_summary(item: NamedSet, records: Sequence[FrameRecord], unknown: str) -
         name=item.name,
         path=str(item.frames.path),
         n_frames=len(frames),
-        errors=tuple(FrameError(record.frame, record.error) for record in frames if record.error),
+        errors=tuple(FailedFrame(record.frame, record.error) for record in frames if record.error),
         n_without_truth=item.frames.n_without_truth,
         unknown=unknown or item.frames.unknown_rule,
     )

@@ -100,7 +100,7 @@ class LabelledBag:
     """
 
     unknown_rule = "ignore"
-    n_without_truth = 0  # which frames there are, only reading it tells
+    n_without_truth = 0  # the frames are not known until the bag is read
 
     def __init__(self, path: Path, *, truth: Path, labels: Labels, source: SourceConfig) -> None:
         self.path = path

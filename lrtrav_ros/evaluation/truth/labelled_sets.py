@@ -40,7 +40,7 @@ class LabelledFrame:
 
 
 class LabelledItem(Protocol):
-    """A frame of a set, which perhaps has yet to be read, by whichever process evaluates it."""
+    """A frame of a set, possibly not read yet; the process that evaluates it reads it."""
 
     @property
     def name(self) -> str:

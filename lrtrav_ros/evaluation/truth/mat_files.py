@@ -89,7 +89,7 @@ class MatFields:
         values: dict[str, Any] = {}
         for name, text in settings:
             if name not in known:
-                raise ValueError(f"no field {name!r}; choose out of {', '.join(known)}")
+                raise ValueError(f"no field {name!r}; choose one of {', '.join(known)}")
             try:
                 values[name] = float(text) if name == "disparity_scale" else text
             except ValueError as err:

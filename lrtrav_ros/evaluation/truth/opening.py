@@ -22,7 +22,7 @@ class ReaderOptions:
     Parameters
     ----------
     source : SourceConfig
-        Which input frames carry where a set holds several, and how images of a bag are paired.
+        Which input to use where a set holds several, and how the images of a bag are paired.
     truth : Path, optional
         Folder with the ground truth of a rosbag; else ``gt`` in the bag's folder, or beside the bag's file.
     labels : Labels, optional

@@ -147,7 +147,7 @@ def texture(h: Responses, v: Responses, first: int, last: int, out: Costs) -> No
 
 @kernel
 def drop_isolated(grid: Disparities, window: int, similarity: int, least: int, out: Disparities) -> None:
-    """Copy the support points that at least `least` others of the window around them agree with."""
+    """Copy the support points that at least `least` of the window around them, themselves included, agree with."""
     rows, columns = grid.shape
     for i in range(rows):
         for j in range(columns):

@@ -172,7 +172,7 @@ class Elas:
         return kept
 
     def _prior(self, points: NDArray[np.int64], shape: tuple[int, ...], side: int) -> _Prior:
-        """Return the prior that support points are for the image on `side` (section 3.2).
+        """Return the prior that the support points give for the image on `side` (section 3.2).
 
         There are no planes outside of the convex hull of the points, but candidates up to a cell beyond.
         """
@@ -241,7 +241,7 @@ class Elas:
         return full
 
     def _map(self, function: Callable[[_T], _R], items: Iterable[_T]) -> list[_R]:
-        """Return what `function` makes of each item, by several threads where there are."""
+        """Apply `function` to each item, in the thread pool if there is one."""
         return list(map(function, items) if self._pool is None else self._pool.map(function, items))
 
     def _for_bands(self, function: Callable[[int, int], None], n_rows: int) -> None:

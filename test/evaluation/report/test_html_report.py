@@ -22,7 +22,7 @@ from sample_report import (
 from lrtrav_ros.evaluation.report.gallery import Exhibit, Picture
 from lrtrav_ros.evaluation.report.html_report import report_html, write_report
 from lrtrav_ros.evaluation.scoring.score_records import (
-    FrameError,
+    FailedFrame,
     FrameRecord,
     PaperScores,
     SetSummary,
@@ -95,7 +95,7 @@ def test_spread_over_seeds_is_shown():
 
 def test_frames_with_problems_are_named():
     sets = (
-        SetSummary("DS1A", "/data", 3, (FrameError("000007", "left/000007.png: no image"),), 2, "ignore"),
+        SetSummary("DS1A", "/data", 3, (FailedFrame("000007", "left/000007.png: no image"),), 2, "ignore"),
         SetSummary("DS2B", "/data", 3, (), 0, "not-traversable"),
     )
     gave_up = table_row("DS2B", "robust", 1, gave_up=("000002", "000003"))
@@ -165,7 +165,7 @@ def test_every_name_is_escaped():
     summary = dataclasses.replace(
         summary,
         sets=tuple(
-            dataclasses.replace(item, path=EVIL, errors=(FrameError(EVIL, EVIL),), n_without_truth=1, unknown=unknown)
+            dataclasses.replace(item, path=EVIL, errors=(FailedFrame(EVIL, EVIL),), n_without_truth=1, unknown=unknown)
             for item, unknown in zip(summary.sets, ("ignore", EVIL), strict=True)
         ),
         methods=tuple(dataclasses.replace(m, description=EVIL, configuration={EVIL: m.name}) for m in summary.methods),

@@ -75,7 +75,7 @@ def test_random_centres_get_seeds_one_after_the_other():
 def test_methods_are_chosen_by_name():
     assert [method.name for method in choose_methods(["robust", "proposed"])] == ["robust", "proposed"]
     assert len(DEFAULT_METHODS) == 7
-    with pytest.raises(ValueError, match="no method 'best'; choose out of uv_disparity, proposed"):
+    with pytest.raises(ValueError, match="no method 'best'; choose one of uv_disparity, proposed"):
         choose_methods(["best"])
     with pytest.raises(ValueError, match="'robust' is named twice"):
         choose_methods(["robust", "robust"])

@@ -28,7 +28,9 @@ def test_records_are_the_same_after_json():
         problem="no ground line found",
         seeds=(Scores(0.1, 0.2, 0.3),),
     )
-    record = FrameRecord("DS1A", "frame ü", (scored, MethodRecord("robust", Scores(1.0, 1.0, 0.0))), inputs="12ab")
+    record = FrameRecord(
+        "DS1A", "frame ü", (scored, MethodRecord("robust", Scores(1.0, 1.0, 0.0))), files_digest="12ab"
+    )
     times = FrameTimes("DS1A", "frame ü", (MethodTimes("proposed", StageTimes(matching_ms=1.25)),))
     assert from_json(FrameRecord, to_json(record)) == record
     assert from_json(FrameTimes, to_json(times)) == times

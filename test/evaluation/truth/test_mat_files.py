@@ -139,7 +139,7 @@ def test_cut_mat_file_is_refused(tmp_path):
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ([("picture", "a")], "no field 'picture'; choose out of image, right"),
+        ([("picture", "a")], "no field 'picture'; choose one of image, right"),
         ([("layout", "diagonal")], "layout is 'diagonal'"),
         ([("disparity_scale", "big")], "disparity_scale is 'big'; give a number"),
         ([("disparity_scale", "0")], "disparity_scale is 0.0"),
