@@ -67,11 +67,33 @@ class StereoCamera:
         )
 
     def depth_m(self, disparity: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Return the depth of each pixel in metres; 0 where `disparity` (pixels) is 0, which means none."""
+        """Return the depth of each pixel.
+
+        Parameters
+        ----------
+        disparity : (H, W) ndarray of float32
+            In pixels; 0 for none.
+
+        Returns
+        -------
+        (H, W) ndarray of float32
+            In metres; 0 where there is no disparity.
+        """
         return self._inverted(disparity)
 
     def disparity(self, depth_m: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Return the disparity of each pixel; 0, which means none, where `depth_m` is not positive or not finite."""
+        """Return the disparity of each pixel.
+
+        Parameters
+        ----------
+        depth_m : (H, W) ndarray of float32
+            In metres; what is not positive or not finite is none.
+
+        Returns
+        -------
+        (H, W) ndarray of float32
+            In pixels; 0 where there is no depth.
+        """
         return self._inverted(depth_m)
 
     def _inverted(self, values: NDArray[np.float32]) -> NDArray[np.float32]:

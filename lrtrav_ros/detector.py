@@ -151,7 +151,20 @@ class ShortRangeDetector:
         self._matcher = matcher or create_matcher(config.stereo, config.elas, threads=config.n_threads)
 
     def detect(self, frame: Frame, run: StageRunner | None = None) -> ShortRange:
-        """Detect ground and obstacles in a frame, which may lack a left image where it brings disparity or depth."""
+        """Detect ground and obstacles in a frame.
+
+        Parameters
+        ----------
+        frame : Frame
+            From any source; the left image may be missing if the frame has disparity or depth.
+        run : StageRunner, optional
+            Times the stages.
+
+        Returns
+        -------
+        ShortRange
+            Disparity as far as it is trusted, ground and obstacles; all is unknown where no ground line is found.
+        """
         run = run or StageRunner()
         disparity = self._disparity(frame, run)
         disparity = run(Stage.GROUND, within_reach, disparity, frame.camera, self.config.source.max_depth_m)
@@ -183,6 +196,10 @@ def within_reach(disparity: NDArray[np.float32], camera: StereoCamera, limit_m: 
         Its calibration.
     limit_m : float
         Greatest depth in metres that is kept; 0 for no limit, and then `disparity` itself is returned.
+
+    Returns
+    -------
+    (H, W) ndarray of float32
     """
     if not limit_m:
         return disparity
@@ -211,11 +228,16 @@ class LongRangeDetector:
         occupancy : (H, W) ndarray of uint8
             Short range: 0 ground, 100 obstacle, 255 unknown.
         run : StageRunner, optional
-            Takes the times.
+            Times the stages.
+
+        Returns
+        -------
+        LongRange
+            The region, the superpixels and their clusters.
 
         Raises
         ------
-        ValueError
+        TypeError, ValueError
             If the two differ in size, or one has another type.
         """
         run, config, image = run or StageRunner(), self.config, as_8bit(image)
@@ -273,6 +295,11 @@ class Detector:
             In place of `right`: disparity in pixels, or depth in metres, with 0 for none. What is negative or not
             finite counts as none.
 
+        Returns
+        -------
+        Detection
+            All that was found.
+
         Raises
         ------
         ValueError
@@ -285,12 +312,24 @@ class Detector:
         )
 
     def detect_frame(self, frame: Frame, run: StageRunner | None = None) -> Detection:
-        """Detect short and long range in a frame, which brings its own camera; `run` takes the times.
+        """Detect short and long range in a frame, with the frame's own camera.
+
+        Parameters
+        ----------
+        frame : Frame
+            From any source, with a left image.
+        run : StageRunner, optional
+            Times the stages.
+
+        Returns
+        -------
+        Detection
+            All that was found.
 
         Raises
         ------
         ValueError
-            If the frame has no left image, or one too small for a stage.
+            If the frame has no left image.
         """
         run, image = run or StageRunner(), frame.image
         short_range = self.short_range.detect(frame, run)

@@ -116,12 +116,21 @@ class Frame:
 
 
 def as_8bit(image: Image) -> NDArray[np.uint8]:
-    """Return a grey or colour image with 8 bits per channel; see `pair_as_8bit`.
+    """Return a grey or colour image with 8 bits per channel, scaled by its own brightest pixel; see `pair_as_8bit`.
+
+    Parameters
+    ----------
+    image : (H, W) or (H, W, 3) ndarray of uint8 or uint16
+
+    Returns
+    -------
+    ndarray of uint8
+        Of the same shape; `image` itself where it has 8 bits.
 
     Raises
     ------
-    ValueError
-        If the image is of another type than uint8 or uint16.
+    TypeError, ValueError
+        If the image is not such an array.
     """
     return _shifted(image, _excess_bits(image))
 
@@ -136,10 +145,15 @@ def pair_as_8bit(left: Image, right: Image) -> tuple[NDArray[np.uint8], NDArray[
     ----------
     left, right : (H, W) or (H, W, 3) ndarray of uint8 or uint16
 
+    Returns
+    -------
+    left, right : ndarray of uint8
+        Of the same shapes.
+
     Raises
     ------
-    ValueError
-        If an image is of another type.
+    TypeError, ValueError
+        If an image is not such an array.
     """
     excess = max(_excess_bits(left), _excess_bits(right))
     return _shifted(left, excess), _shifted(right, excess)

@@ -40,12 +40,25 @@ def overlay(
 
 
 def colour_image(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Return a copy of a BGR or grey image as BGR."""
+    """Return a copy of a BGR or grey image as BGR.
+
+    Parameters
+    ----------
+    image : (H, W) or (H, W, 3) ndarray of uint8
+    """
     return cv2.cvtColor(image, cv2.COLOR_GRAY2BGR) if image.ndim == 2 else image.copy()
 
 
 def superpixel_picture(left: NDArray[np.uint8], superpixels: NDArray[np.integer[Any]]) -> NDArray[np.uint8]:
-    """Return the left image with the borders of the superpixels."""
+    """Return the left image with the borders of the superpixels.
+
+    Parameters
+    ----------
+    left : (H, W) or (H, W, 3) ndarray of uint8
+        Left image, BGR or grey.
+    superpixels : (H, W) ndarray of int
+        The superpixel of each pixel.
+    """
     picture = colour_image(left)
     border = np.zeros(superpixels.shape, np.bool_)
     border[:, 1:] |= superpixels[:, 1:] != superpixels[:, :-1]
@@ -55,14 +68,26 @@ def superpixel_picture(left: NDArray[np.uint8], superpixels: NDArray[np.integer[
 
 
 def label_picture(labels: NDArray[np.integer[Any]]) -> NDArray[np.uint8]:
-    """Return each label in a colour of its own; neighbouring numbers differ clearly."""
+    """Return each label in a colour of its own; neighbouring numbers differ clearly.
+
+    Parameters
+    ----------
+    labels : (H, W) ndarray of int
+        From 0 up.
+    """
     hue = (np.arange(int(labels.max()) + 1) * 0.618034 % 1 * 180).astype(np.uint8)
     hsv = np.stack([hue, np.full_like(hue, 150), np.full_like(hue, 230)], axis=-1)
     return cv2.cvtColor(hsv[None], cv2.COLOR_HSV2BGR)[0][labels]
 
 
 def disparity_picture(disparity: NDArray[np.float32]) -> NDArray[np.uint8]:
-    """Return disparity from blue (far) to red (near); black where there is none."""
+    """Return disparity from blue (far) to red (near); black where there is none.
+
+    Parameters
+    ----------
+    disparity : (H, W) ndarray of float32
+        In pixels, 0 for none.
+    """
     top = float(np.percentile(disparity, 99.5)) or 1.0
     picture = cv2.applyColorMap((disparity / top * 255).clip(0, 255).astype(np.uint8), cv2.COLORMAP_TURBO)
     picture[disparity <= 0] = 0
@@ -70,7 +95,13 @@ def disparity_picture(disparity: NDArray[np.float32]) -> NDArray[np.uint8]:
 
 
 def histogram_picture(histogram: NDArray[np.integer[Any]]) -> NDArray[np.uint8]:
-    """Return a u- or v-disparity; its counts are shown by their logarithm."""
+    """Return a u- or v-disparity; its counts are shown by their logarithm.
+
+    Parameters
+    ----------
+    histogram : (H, W) ndarray of int
+        The counts.
+    """
     logarithm = np.log1p(histogram.astype(np.float32))
     return colour_image((logarithm / max(float(logarithm.max()), 1e-6) * 255).astype(np.uint8))
 
@@ -78,7 +109,12 @@ def histogram_picture(histogram: NDArray[np.integer[Any]]) -> NDArray[np.uint8]:
 def truth_picture(left: NDArray[np.uint8], truth: NDArray[np.uint8]) -> NDArray[np.uint8]:
     """Return the left image with traversable ground in green and ignored or unknown pixels in grey.
 
-    `truth` is uint8 (H, W): 255 traversable, 0 not, 128 ignored.
+    Parameters
+    ----------
+    left : (H, W) or (H, W, 3) ndarray of uint8
+        Left image, BGR or grey.
+    truth : (H, W) ndarray of uint8
+        255 traversable, 0 not, 128 ignored.
     """
     picture = colour_image(left)
     _tint(picture, truth == 255, _SHORT_COLOUR, 0.5)
@@ -91,6 +127,8 @@ def error_picture(left: NDArray[np.uint8], mask: NDArray[np.uint8], truth: NDArr
 
     Parameters
     ----------
+    left : (H, W) or (H, W, 3) ndarray of uint8
+        Left image, BGR or grey.
     mask : (H, W) ndarray of uint8
         255 traversable, 0 not.
     truth : (H, W) ndarray of uint8
