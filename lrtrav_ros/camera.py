@@ -8,6 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+_MAX_PX = 1e5
+"""No lens has so long a focal length, and no principal point is so far off: what depends on them stays small."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StereoCamera:
@@ -30,7 +33,8 @@ class StereoCamera:
     Raises
     ------
     ValueError
-        If a value is not finite, a focal length, the baseline or a size is not positive, or only one size is given.
+        If a value is not finite or absurdly large, a focal length, the baseline or a size is not positive, or only one
+        size is given.
     """
 
     fx: float
@@ -50,6 +54,8 @@ class StereoCamera:
                 raise ValueError(f"{name} is {value!r}; give a finite number")
             if name in ("fx", "fy", "baseline_m") and value <= 0:
                 raise ValueError(f"{name} is {value!r}; give a positive number")
+            if name != "baseline_m" and abs(value) > _MAX_PX:
+                raise ValueError(f"{name} is {value!r}; give pixels, at most {_MAX_PX:g} of them")
         if (self.width is None) != (self.height is None):
             raise ValueError(f"width is {self.width!r}, height {self.height!r}; give both or none")
         for name in ("width", "height"):

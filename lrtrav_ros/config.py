@@ -29,6 +29,7 @@ LONG_RANGE_STAGES = ("source", "superpixels", "features", "clustering", "extensi
 # Every node of this package has these besides its stages.
 _GENERAL = ("preset", "use_sim_time", "start_type_description_service")
 _GENERAL_PREFIX = "qos_overrides."
+_DISTINCTIVE = 7  # letters: shorter names without a stage, such as seed, may well belong to another package
 
 _SURELY_MISSPELT = 0.8  # similarity from which on a name can be meant for nobody else
 
@@ -712,6 +713,8 @@ def _is_misspelt(name: str) -> bool:
 
     stage, dot, _ = name.partition(".")
     if dot and any(stage == parameter.stage for parameter in parameters()):
+        return True
+    if len(name) >= _DISTINCTIVE and any(known.endswith(f".{name}") for known in _all_names()):
         return True
     return bool(difflib.get_close_matches(name, _all_names(), n=1, cutoff=_SURELY_MISSPELT))
 

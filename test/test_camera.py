@@ -40,3 +40,16 @@ def test_values_that_are_no_finite_numbers(name: str, value: object) -> None:
 def test_values_that_are_not_positive(name: str, value: float) -> None:
     with pytest.raises(ValueError, match=f"{name} is {value}; give a positive number"):
         StereoCamera(**{**CAMERA, name: value})
+
+
+@pytest.mark.parametrize("name", ["fx", "fy", "cx", "cy"])
+def test_values_that_no_camera_has(name: str) -> None:
+    with pytest.raises(ValueError, match=f"{name} is 1e\\+30; give pixels, at most 100000 of them"):
+        StereoCamera(**{**CAMERA, name: 1e30})
+
+
+def test_size_is_given_as_a_whole() -> None:
+    with pytest.raises(ValueError, match="width is 640, height None; give both or none"):
+        StereoCamera(**CAMERA, width=640)
+    with pytest.raises(ValueError, match="height is 0; give a whole number of pixels"):
+        StereoCamera(**CAMERA, width=640, height=0)

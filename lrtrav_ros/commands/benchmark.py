@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from lrtrav_ros.frame import Frame
 
 _REFERENCE = "StereoSGBM"
+_REFERENCE_DISPARITIES = 64
 _DEFAULTS: dict[str, Value] = {"threads": 1, "stereo.n_disparities": 64}
 
 
@@ -62,6 +63,12 @@ def run(args: argparse.Namespace) -> int:
             os.environ.setdefault(variable, "1")  # read when NumPy is imported, below
 
     frames = _frames(args, config)
+    if not frames:
+        raise ValueError(f"{args.input}: none of its frames can be used; `lrtrav detect` says why")
+    if frames[0].shape[1] <= _REFERENCE_DISPARITIES:
+        raise ValueError(
+            f"images are {frames[0].shape[1]} pixels wide; {_REFERENCE} needs more than {_REFERENCE_DISPARITIES}"
+        )
     figures = measure(frames, config, rounds=args.rounds)
     for line in _table(figures):
         print(line)
@@ -119,7 +126,8 @@ def _reference_ms(frame: Frame) -> float:
 
     block = 5
     matcher = cv2.StereoSGBM_create(
-        minDisparity=0, numDisparities=64, blockSize=block, P1=8 * block**2, P2=32 * block**2, disp12MaxDiff=1,
+        minDisparity=0, numDisparities=_REFERENCE_DISPARITIES, blockSize=block,
+        P1=8 * block**2, P2=32 * block**2, disp12MaxDiff=1,
         uniquenessRatio=10, speckleWindowSize=100, speckleRange=2, mode=cv2.STEREO_SGBM_MODE_SGBM,
     )  # fmt: skip
     pair = pair_as_8bit(frame.image, frame.image if frame.right is None else frame.right)

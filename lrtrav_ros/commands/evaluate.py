@@ -118,7 +118,7 @@ def _evaluate(args: argparse.Namespace, values: dict[str, object]) -> int:
         reading, methods = _reader_options(args, values), _methods(args)
         setup = make_setup(methods, values, n_seeds=args.seeds, save_masks=args.save_masks)
     sets = open_sets(args.datasets, reading)
-    folder = EvaluationFolder(args.output, evaluation_identity(setup, reading, unknown=args.unknown))
+    folder = EvaluationFolder(args.output, evaluation_identity(setup, reading, sets=sets, unknown=args.unknown))
     _print_superseded(folder)
     write_configs(methods, values, folder)
     resumption = evaluate_frames(sets, setup, folder, unknown=args.unknown, jobs=args.jobs, cluster=args.cluster)

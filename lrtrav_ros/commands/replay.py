@@ -47,9 +47,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Publish the bag; return the exit status."""
-    from lrtrav_ros.nodes.bag_player import replay
+    from lrtrav_ros.nodes.bag_player import RosArgumentsError, replay
 
-    replay(args.bag, _options(args), ros_args=args.ros_args)
+    try:
+        replay(args.bag, _options(args), ros_args=args.ros_args)
+    except RosArgumentsError as err:
+        raise UsageError(str(err)) from err
     return 0
 
 

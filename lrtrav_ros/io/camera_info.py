@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,6 +21,16 @@ def stereo_camera(left: Any, right: Any) -> StereoCamera:
         If the projection matrices hold no focal length or no baseline.
     """
     return _camera(left, baseline_m=_baseline_m(right))
+
+
+def check_same_window(left: Any, right: Any) -> None:
+    """Raise ValueError where two CameraInfo are for another size, binning or region of interest; size 0 fits all."""
+    left_window, right_window = _Window.of(left), _Window.of(right)
+    if left_window != right_window and right_window.width and left_window.width:
+        raise ValueError(
+            f"the left CameraInfo is for {left_window}, the right one for {right_window}; "
+            "set both cameras to one size, binning and region of interest"
+        )
 
 
 def depth_camera(left: Any, right: Any | None = None) -> StereoCamera:
@@ -41,10 +52,10 @@ def disparity_camera(disparity: Any, left: Any) -> StereoCamera:
     ValueError
         If focal length or baseline are not positive.
     """
-    if not disparity.f > 0 or not disparity.t > 0:
+    if not 0 < disparity.f < math.inf or not 0 < disparity.t < math.inf:
         raise ValueError(
             f"the disparity image has f = {disparity.f:g} and t = {disparity.t:g}; "
-            "both the focal length [px] and the baseline [m] must be positive"
+            "both the focal length [px] and the baseline [m] must be positive and finite"
         )
     return _camera(left, baseline_m=disparity.t, fx=float(disparity.f))
 
@@ -70,6 +81,10 @@ class _Window:
     height: int
     binning_x: int
     binning_y: int
+
+    def __str__(self) -> str:
+        part = f"{self.width} x {self.height} pixels at ({self.left}, {self.top})"
+        return part if self.binning_x == self.binning_y == 1 else f"{part}, binned {self.binning_x} x {self.binning_y}"
 
     @classmethod
     def of(cls, info: Any) -> _Window:

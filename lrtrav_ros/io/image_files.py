@@ -68,7 +68,13 @@ def encode_file(path: str | os.PathLike[str], image: Image) -> bytes:
             f"{path}: an image of shape {image.shape} and type {image.dtype} does not fit this file name; "
             "give .png with uint8 or uint16, or .jpg with uint8"
         )
-    return bytes(cv2.imencode(path.suffix.lower(), image)[1].tobytes())
+    try:
+        encoded, data = cv2.imencode(path.suffix.lower(), image)
+    except cv2.error as err:
+        raise ValueError(f"{path}: an image of shape {image.shape} cannot be encoded ({err.err})") from err
+    if not encoded:
+        raise ValueError(f"{path}: an image of shape {image.shape} cannot be encoded; JPEG takes up to 65,500 pixels")
+    return bytes(data.tobytes())
 
 
 def read_disparity(path: str | os.PathLike[str], *, scale: float = DISPARITY_SCALE) -> NDArray[np.float32]:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from lrtrav_ros.camera import StereoCamera
 from lrtrav_ros.frame import Frame, Image
-from lrtrav_ros.io.camera_info import depth_camera, disparity_camera, stereo_camera
+from lrtrav_ros.io.camera_info import check_same_window, depth_camera, disparity_camera, stereo_camera
 from lrtrav_ros.io.encodings import decode_message
 
 _MILLIMETRES = 1000
@@ -75,7 +75,7 @@ def frame_of(messages: FrameMessages) -> Frame:
         disparity = disparity_in_pixels(messages.partner)
     else:
         depth_m = depth_in_metres(decode_message(messages.partner))
-    return Frame(
+    frame = Frame(
         camera=_camera(messages),
         left=left,
         right=right,
@@ -84,6 +84,9 @@ def frame_of(messages: FrameMessages) -> Frame:
         name=str(stamp_ns),
         stamp_ns=stamp_ns,
     )
+    if messages.source == "stereo":
+        check_same_window(messages.left_info, messages.right_info)
+    return frame
 
 
 def _camera(messages: FrameMessages) -> StereoCamera:

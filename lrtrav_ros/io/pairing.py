@@ -26,7 +26,7 @@ class TopicQueue(Generic[_Item]):
     topic : str
         Name of the topic.
     capacity : int
-        Largest number of messages that wait.
+        Largest number of messages that wait; one that this many have come after waits no longer.
     received : int
         Messages that came.
     last_stamp_ns, last_paired_ns : int, optional
@@ -44,26 +44,32 @@ class TopicQueue(Generic[_Item]):
     last_paired_ns: int | None = None
     is_ordered: bool = False
     waiting: dict[int, _Item] = field(default_factory=dict)
+    _arrivals: dict[int, int] = field(default_factory=dict)
     _pushed_out: int = 0
 
     def count(self, stamp_ns: int) -> None:
         """Count a message that came."""
         self.received += 1
         self.last_stamp_ns = stamp_ns
+        oldest = next(iter(self.waiting), None)
+        if oldest is not None and self.received - self._arrivals[oldest] > self.capacity:
+            self._push_out(oldest)
 
     def add(self, stamp_ns: int, item: _Item) -> None:
         """Let a message wait; it takes the place of an earlier one with its stamp."""
-        self._pushed_out += self.waiting.pop(stamp_ns, None) is not None
+        if stamp_ns in self.waiting:
+            self._push_out(stamp_ns)
         self.waiting[stamp_ns] = item
+        self._arrivals[stamp_ns] = self.received
         if len(self.waiting) > self.capacity:
-            del self.waiting[next(iter(self.waiting))]
-            self._pushed_out += 1
+            self._push_out(next(iter(self.waiting)))
 
     def take(self, stamp_ns: int) -> _Item:
         """Return the message of this stamp, which is paired now."""
         self.last_paired_ns = stamp_ns
         if self.is_ordered:
             self._drop_earlier(stamp_ns)
+        del self._arrivals[stamp_ns]
         return self.waiting.pop(stamp_ns)
 
     def _drop_earlier(self, stamp_ns: int) -> None:
@@ -71,8 +77,12 @@ class TopicQueue(Generic[_Item]):
         arrived_before = list(self.waiting)[: list(self.waiting).index(stamp_ns)]
         for earlier_ns in arrived_before:
             if earlier_ns < stamp_ns:
-                del self.waiting[earlier_ns]
-                self._pushed_out += 1
+                self._push_out(earlier_ns)
+
+    def _push_out(self, stamp_ns: int) -> None:
+        """Give up waiting for a message's partner."""
+        del self.waiting[stamp_ns], self._arrivals[stamp_ns]
+        self._pushed_out += 1
 
     @property
     def unpaired(self) -> int:

@@ -145,4 +145,7 @@ def _evidence(
     """Return the numbers of ground and of obstacle pixels in each of n superpixels."""
     counts = np.zeros((n, 256), np.int64)
     kernels.count_values(np.ascontiguousarray(occupancy), np.ascontiguousarray(superpixels), counts)
+    other = np.delete(counts.sum(axis=0), (GROUND, OBSTACLE, UNKNOWN))
+    if other.any():
+        raise ValueError("occupancy has other values than 0 ground, 100 obstacle and 255 unknown; give only these")
     return counts[:, GROUND], counts[:, OBSTACLE]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import math
 import os
 import signal
 import sys
@@ -14,6 +15,7 @@ from typing import Any
 import rclpy
 from builtin_interfaces.msg import Time
 from rclpy.duration import Duration
+from rclpy.exceptions import NameValidationException
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSDurabilityPolicy, QoSProfile
@@ -32,6 +34,10 @@ _SILENT_S = 4.0  # discovery takes up to three seconds; do not report waiting ea
 _SETTLE_S = 0.2  # a subscriber that is known may not know the publisher yet, and would miss the first message
 _ACKNOWLEDGED_S = 5.0
 _BAR = "{percentage:3.0f} %|{bar}| {n:.1f}/{total:.1f} s"
+
+
+class RosArgumentsError(ValueError):
+    """An argument for ROS, or the name of a topic, is wrong."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -70,9 +76,9 @@ class ReplayOptions:
     wait: bool = True
 
     def __post_init__(self) -> None:
-        if not self.rate > 0:
+        if not 0 < self.rate < math.inf:
             raise ValueError(f"rate is {self.rate:g}; give a number above 0")
-        if self.start_s < 0 or (self.duration_s is not None and not self.duration_s > 0):
+        if not 0 <= self.start_s < math.inf or (self.duration_s is not None and not 0 < self.duration_s < math.inf):
             raise ValueError(f"start is {self.start_s:g}, duration {self.duration_s}; give seconds above 0")
 
 
@@ -83,6 +89,8 @@ def replay(path: str | os.PathLike[str], options: ReplayOptions, *, ros_args: Se
     ------
     FileNotFoundError, ValueError
         If there is no such bag, or nothing in it that could be published.
+    RosArgumentsError
+        If `ros_args` or a name in `options` is wrong.
     """
     with BagReader(path) as reader:
         try:
@@ -90,7 +98,10 @@ def replay(path: str | os.PathLike[str], options: ReplayOptions, *, ros_args: Se
         except ValueError as err:
             raise ValueError(f"{path}: {err}") from err
         use_large_segment()
-        rclpy.init(args=list(ros_args))
+        try:
+            rclpy.init(args=list(ros_args))
+        except RuntimeError as err:
+            raise RosArgumentsError(f"wrong ROS arguments: {err}") from err
         try:
             _BagPlayer(reader, names, options).run()
         except KeyboardInterrupt:
@@ -195,7 +206,10 @@ class _BagPlayer:
             qos = QoSProfile(depth=_QUEUE_DEPTH)
             if topic.endswith("/tf_static"):
                 qos.durability = QoSDurabilityPolicy.TRANSIENT_LOCAL
-            publishers[topic] = self._node.create_publisher(message_type, name, qos)
+            try:
+                publishers[topic] = self._node.create_publisher(message_type, name, qos)
+            except NameValidationException as err:
+                raise RosArgumentsError(f"{name!r} is not a name for a topic: {' '.join(str(err).split())}") from err
         if not publishers:
             raise ValueError(f"{self._reader.path}: no topic has a type that is installed")
         return publishers

@@ -10,8 +10,10 @@ import sys
 from collections.abc import Callable, Sequence
 
 import rclpy
+from rclpy.exceptions import NameValidationException, ParameterException
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
+from rclpy.qos_overriding_options import InvalidQosOverridesError
 
 from lrtrav_ros.config import Config
 from lrtrav_ros.nodes.shared_memory import use_large_segment
@@ -48,7 +50,7 @@ def run_nodes(factories: Sequence[Callable[[], Node]], *, ros_args: Sequence[str
         _spin(factories, nodes)
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
-    except ValueError as err:
+    except (ValueError, ParameterException, InvalidQosOverridesError, NameValidationException) as err:
         return _wrong_usage(err)
     except RuntimeError:
         if rclpy.ok():  # else a signal ended ROS while a node was being made

@@ -52,6 +52,12 @@ def test_formats_that_cannot_hold_an_image_are_refused(grey, tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
+def test_images_too_wide_for_jpeg_are_refused(tmp_path):
+    with pytest.raises(ValueError, match=r"wide\.jpg: an image of shape \(1, 70000\) cannot be encoded"):
+        write_image(tmp_path / "wide.jpg", np.zeros((1, 70_000), np.uint8))
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_a_failed_write_leaves_the_finished_file(tmp_path, monkeypatch):
     path = tmp_path / "file.csv"
     write_bytes(path, b"finished")

@@ -152,6 +152,14 @@ def test_binning_and_region_of_interest_are_those_of_the_image():
     )
 
 
+@pytest.mark.parametrize(
+    "right", [{"height": 2 * HEIGHT, "width": 2 * WIDTH}, {"binning": (2, 2)}, {"roi": region(x_offset=5)}]
+)
+def test_cameras_of_different_windows_are_refused(right):
+    with pytest.raises(ValueError, match=r"left CameraInfo is for 30 x 20 pixels at \(0, 0\), the right one for"):
+        frame_of(stereo_messages(right_info=info(baseline_m=BASELINE_M, **right)))
+
+
 def test_cameras_without_baseline_are_refused():
     with pytest.raises(ValueError, match=r"P\[3\] = -?0, thus no baseline"):
         stereo_camera(info(), info())

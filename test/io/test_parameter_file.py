@@ -191,6 +191,8 @@ def test_names_for_nodes_of_others_are_reported_once(read: Read) -> None:
         ("/front: {/short_range: {ros__parameters: {}}}", "'/front//short_range' is no name of a node"),
         ("a: [", "is not YAML"),
         (section("/**", stereo__mathcer="bm"), "no parameter 'stereo.mathcer'; did you mean stereo.matcher"),
+        (section("/**", max_depth_m=10), "no parameter 'max_depth_m'; did you mean source.max_depth_m"),
+        (section("/**", matcher="bm"), "no parameter 'matcher'; did you mean stereo.matcher"),
         (section("/short_range", robot_radius=1), "no parameter 'robot_radius'"),
         (section("/**/long_range", robot_radius=1), "no parameter 'robot_radius'"),
         (section("/**", stereo__matcher="best"), "stereo.matcher is 'best'; give one of elas, sgbm, bm"),

@@ -81,3 +81,8 @@ def test_share_that_makes_a_region_traversable(min_share: float, expected: int) 
 def test_images_of_different_size_are_refused() -> None:
     with pytest.raises(ValueError, match=r"occupancy is uint8 \(4, 59\); give uint8 \(4, 60\)"):
         extend(occupancy()[:, :59], SUPERPIXELS, np.zeros(6, np.int32))
+
+
+def test_other_values_than_those_of_an_occupancy_are_refused() -> None:
+    with pytest.raises(ValueError, match="occupancy has other values than 0 ground, 100 obstacle and 255 unknown"):
+        extend(occupancy(c0_20=7), SUPERPIXELS, np.zeros(6, np.int32))

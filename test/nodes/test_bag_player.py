@@ -141,6 +141,9 @@ def test_what_can_be_read_of_a_truncated_bag_is_played(graph, bags, start, tmp_p
     [
         (1, ["nothing.mcap"], "replay: nothing.mcap: there is no such recording"),
         (2, ["{mcap}", "--rate", "0"], "replay: rate is 0; give a number above 0"),
+        (2, ["{mcap}", "--start", "nan"], "replay: start is nan"),
+        (2, ["{mcap}", "--remap", "/left/image_rect:=bad name"], "'bad name' is not a name for a topic"),
+        (2, ["{mcap}", "--ros-args", "--foo"], "replay: wrong ROS arguments: "),
         (1, ["{mcap}", "--start", "9"], "lasts 0.400 s; start at 9 s is behind its end"),
         (2, ["{mcap}", "--remap", "/left"], "replay: --remap /left: write FROM:=TO"),
         (1, ["{mcap}", "--remap", "/cam0:=elsewhere"], "has no topic '/cam0' to remap; there are /left/camera_info"),

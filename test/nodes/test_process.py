@@ -82,6 +82,7 @@ def test_diagnostics_come_once_a_second(graph, start):
         (["-p", "stereo.matcher:=magic"], "stereo.matcher is 'magic'; give one of elas, sgbm, bm"),
         (["-p", "source:=lidar"], "source is 'lidar'; give one of stereo, disparity, depth"),
         (["--params-file", "nothing.yaml"], "nothing.yaml"),
+        (["-p", "use_sim_time:=3"], "use_sim_time"),
     ],
 )
 def test_wrong_parameters_end_with_status_2(start, ros_args, reason):

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
 
 from lrtrav_ros.config import Value
 from lrtrav_ros.evaluation.scoring.frame_evaluation import Setup
-from lrtrav_ros.evaluation.truth.opening import ReaderOptions
+from lrtrav_ros.evaluation.truth.opening import NamedSet, ReaderOptions
 
 _PACKAGE = Path(__file__).parents[2]
 _LIBRARIES = ("numpy", "scipy", "cv2", "numba")
@@ -51,7 +51,9 @@ class EvaluationIdentity:
         ]
 
 
-def evaluation_identity(setup: Setup, reading: ReaderOptions, *, unknown: str) -> EvaluationIdentity:
+def evaluation_identity(
+    setup: Setup, reading: ReaderOptions, *, sets: Sequence[NamedSet] = (), unknown: str
+) -> EvaluationIdentity:
     """Return the identity of what a setup gives, computed by this code.
 
     Parameters
@@ -60,6 +62,8 @@ def evaluation_identity(setup: Setup, reading: ReaderOptions, *, unknown: str) -
         The methods.
     reading : ReaderOptions
         How the sets are read.
+    sets : sequence of NamedSet
+        The sets, each with its name: another set of that name is another one.
     unknown : str
         The rule for unknown pixels; empty for that of each set.
     """
@@ -78,6 +82,7 @@ def evaluation_identity(setup: Setup, reading: ReaderOptions, *, unknown: str) -
             "--labels": str(reading.labels or "default"),
             "--truth": "default" if reading.truth is None else str(reading.truth.absolute()),
             **fields,
+            **{f"the place of {item.name}": str(item.frames.path.absolute()) for item in sets},
         },
         settings={
             **{seeded.method.name: seeded.configs[0].values() for seeded in setup.methods},

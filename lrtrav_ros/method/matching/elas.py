@@ -143,8 +143,10 @@ class Elas:
         edge = max(1, -(-_REACH_PX // step))
         grid: NDArray[np.int16] = np.full((max(rows, 0), max(columns, 0)), -1, np.int16)
         # The uppermost rows, which have no room for a window, count as infinitely far, so that far points below them
-        # need less support. Measured on 100 synthetic frames, with sky above: 12.1 % of the sky gets a disparity above
-        # 3 px, without this 13.0 %, and all else stays as it is. The same for the columns on the left gains nothing.
+        # need less support: chosen to agree with published results. With it, 97.7 % of the disparities of 38 KITTI Road
+        # frames are within 1 px of those of the authors' program, without it 96.1 %; the masks' scores stay the same.
+        # On synthetic scenes it lessens false disparities in the sky a little or not at all, depending on the scenes.
+        # The same for the columns on the left gains nothing anywhere.
         grid[:edge] = 0
         textured_l, textured_r = (side.texture >= self._elas.support_texture for side in (left, right))
 

@@ -3,6 +3,7 @@
 import dataclasses
 import shutil
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -13,7 +14,7 @@ from lrtrav_ros.evaluation.scoring.methods import choose_methods
 from lrtrav_ros.evaluation.scoring.score_records import from_json, to_json
 from lrtrav_ros.evaluation.truth.labels import Labels
 from lrtrav_ros.evaluation.truth.mat_files import MatFields
-from lrtrav_ros.evaluation.truth.opening import ReaderOptions
+from lrtrav_ros.evaluation.truth.opening import NamedSet, ReaderOptions
 
 PACKAGE = Path(lrtrav_ros.__file__).parent
 
@@ -103,3 +104,15 @@ def test_seeds_count_where_a_method_has_several():
 def test_libraries_are_those_that_compute():
     assert list(USUAL.libraries) == ["numpy", "scipy", "cv2", "numba"]
     assert list(identity("near_to_far").libraries) == ["numpy", "scipy", "cv2", "numba", "sklearn"]
+
+
+def test_another_set_of_the_same_name_is_told_and_a_further_one_is_not():
+    setup = make_setup(choose_methods(["proposed"]), {}, n_seeds=1)
+
+    def of_sets(**places):
+        sets = [NamedSet(name, SimpleNamespace(path=Path(place))) for name, place in places.items()]
+        return evaluation_identity(setup, ReaderOptions(), sets=sets, unknown="")
+
+    first = of_sets(road="/a/road")
+    assert of_sets(road="/b/road").changes_since(first) == ["the place of road: /a/road -> /b/road"]
+    assert of_sets(road="/a/road", park="/a/park").changes_since(first) == []
