@@ -5,11 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from lrtrav_ros.camera import StereoCamera
-from lrtrav_ros.numerics.checks import check_array
+from lrtrav_ros.numerics.checks import check_array, check_image
 
 Image: TypeAlias = NDArray[Any]
 """A grey (H, W) or BGR (H, W, 3) image of uint8 or uint16."""
@@ -90,10 +91,9 @@ class Frame:
     @property
     def shape(self) -> tuple[int, int]:
         """Height and width in pixels."""
-        for image in (self.left, self.disparity, self.depth_m):
-            if image is not None:
-                return int(image.shape[0]), int(image.shape[1])
-        raise ValueError("a frame without images")  # pragma: no cover - refused when it is made
+        images = (self.left, self.disparity, self.depth_m)
+        height, width = next(image.shape[:2] for image in images if image is not None)
+        return height, width
 
     def _check_right(self, right: Image) -> None:
         if self.left is None:
@@ -167,6 +167,28 @@ def _excess_bits(image: Image) -> int:
 
 def _shifted(image: Image, bits: int) -> NDArray[np.uint8]:
     return (image >> bits if bits else image).astype(np.uint8, copy=False)
+
+
+def to_grey(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Return the luminance of an image.
+
+    Parameters
+    ----------
+    image : (H, W) or (H, W, 3) ndarray of uint8
+        Grey or BGR.
+
+    Returns
+    -------
+    (H, W) ndarray of uint8
+        A grey image itself.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If the image is not such an array.
+    """
+    check_image("image", image)
+    return image if image.ndim == 2 else cv2.cvtColor(np.ascontiguousarray(image), cv2.COLOR_BGR2GRAY)
 
 
 def valid_disparity(disparity: NDArray[np.float32]) -> NDArray[np.float32]:

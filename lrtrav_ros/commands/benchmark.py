@@ -91,12 +91,12 @@ def measure(frames: Sequence[Frame], config: Config, *, rounds: int) -> Figures:
     from lrtrav_ros.detector import Detector, StageTimes
 
     cv2.setNumThreads(config.n_threads)
+    detector = Detector(config)
     reference_ms: list[float] = []
     times: list[StageTimes] = []
     for repetition in tqdm(range(rounds + 1), unit="round", disable=None):
         for frame in frames:
             reference = _reference_ms(frame)
-            detector = Detector(config)
             found = detector.detect_frame(frame)
             if repetition:
                 reference_ms.append(reference)
@@ -121,8 +121,7 @@ def _reference_ms(frame: Frame) -> float:
 
     import cv2
 
-    from lrtrav_ros.frame import pair_as_8bit
-    from lrtrav_ros.method.features import to_grey
+    from lrtrav_ros.frame import pair_as_8bit, to_grey
 
     block = 5
     matcher = cv2.StereoSGBM_create(

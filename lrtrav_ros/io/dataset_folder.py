@@ -83,6 +83,7 @@ class DatasetFolder:
 
     def __init__(self, path: str | os.PathLike[str], *, source: str = "stereo") -> None:
         self.path = Path(path)
+        self._opened_ns = time.time_ns()
         self.problems: list[str] = []
         if source not in SOURCES:
             raise ValueError(f"source is {source!r}; choose one of {', '.join(SOURCES)}")
@@ -153,9 +154,11 @@ class DatasetFolder:
 
     def items(self) -> Iterator[FrameFile]:
         """Yield all frames in the order of their names, without reading them."""
-        opened_ns = time.time_ns()
-        for name in self.names:
-            yield FrameFile(self.path.absolute(), self.source, name, opened_ns)
+        return map(self.frame_file, self.names)
+
+    def frame_file(self, name: str) -> FrameFile:
+        """Return one frame without reading it."""
+        return FrameFile(self.path.absolute(), self.source, name, self._opened_ns)
 
     def _calibration_path(self, name: str) -> Path:
         own = self.path / "calib" / f"{name}.json"

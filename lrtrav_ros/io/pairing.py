@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass, field
+from itertools import takewhile
 from typing import Generic, TypeVar
 
 CAPACITY = 16
@@ -66,18 +67,17 @@ class TopicQueue(Generic[_Item]):
 
     def take(self, stamp_ns: int) -> _Item:
         """Return the message of this stamp, which is paired now."""
-        self.last_paired_ns = stamp_ns
-        if self.is_ordered:
-            self._drop_earlier(stamp_ns)
+        self.mark_paired(stamp_ns)
         del self._arrivals[stamp_ns]
         return self.waiting.pop(stamp_ns)
 
-    def _drop_earlier(self, stamp_ns: int) -> None:
-        """Drop the messages that arrived before that of this stamp and are older."""
-        arrived_before = list(self.waiting)[: list(self.waiting).index(stamp_ns)]
-        for earlier_ns in arrived_before:
-            if earlier_ns < stamp_ns:
-                self._push_out(earlier_ns)
+    def mark_paired(self, stamp_ns: int) -> None:
+        """Note the stamp of a pair; where partners come in order, older messages that arrived before it go."""
+        self.last_paired_ns = stamp_ns
+        if self.is_ordered:
+            for earlier_ns in list(takewhile(lambda stamp: stamp != stamp_ns, self.waiting)):
+                if earlier_ns < stamp_ns:
+                    self._push_out(earlier_ns)
 
     def _push_out(self, stamp_ns: int) -> None:
         """Give up waiting for a message's partner."""
@@ -132,7 +132,7 @@ class StampPairing(Generic[_First, _Second]):
         if partner_ns is None:
             self.first.add(stamp_ns, item)
             return None
-        self.first.last_paired_ns = stamp_ns
+        self.first.mark_paired(stamp_ns)
         return item, self.second.take(partner_ns)
 
     def add_second(self, stamp_ns: int, item: _Second, *, tolerance_ns: int) -> tuple[_First, _Second] | None:
@@ -142,7 +142,7 @@ class StampPairing(Generic[_First, _Second]):
         if partner_ns is None:
             self.second.add(stamp_ns, item)
             return None
-        self.second.last_paired_ns = stamp_ns
+        self.second.mark_paired(stamp_ns)
         return self.first.take(partner_ns), item
 
     def _partner(self, other: TopicQueue[_Item], stamp_ns: int, tolerance_ns: int) -> int | None:

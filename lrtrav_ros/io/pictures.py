@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from lrtrav_ros.frame import to_grey
 from lrtrav_ros.method.ground import GROUND, OBSTACLE
 
 _SHORT_COLOUR = (60, 200, 60)
@@ -134,8 +135,7 @@ def error_picture(left: NDArray[np.uint8], mask: NDArray[np.uint8], truth: NDArr
     truth : (H, W) ndarray of uint8
         255 traversable, 0 not, 128 ignored, which is grey.
     """
-    grey = left if left.ndim == 2 else cv2.cvtColor(left, cv2.COLOR_BGR2GRAY)
-    picture = colour_image((grey // 2 + 110).astype(np.uint8))
+    picture = colour_image((to_grey(left) // 2 + 110).astype(np.uint8))
     found, traversable, counted = mask > 127, truth == 255, truth != 128
     _tint(picture, ~counted, _IGNORED_COLOUR, 0.7)
     _tint(picture, found & traversable, _SHORT_COLOUR, 0.25)

@@ -20,11 +20,12 @@ from numpy.typing import NDArray
 from lrtrav_ros.camera import StereoCamera
 from lrtrav_ros.config import Config
 from lrtrav_ros.detector import Detection, StageTimes
+from lrtrav_ros.frame import to_grey
 from lrtrav_ros.io import pictures
 from lrtrav_ros.io.atomic_files import write_bytes
 from lrtrav_ros.io.image_files import encode_file, scaled_disparity
 from lrtrav_ros.io.parameter_file import dump_parameters
-from lrtrav_ros.method.features import to_grey, weber_descriptor
+from lrtrav_ros.method.features import weber_descriptor
 from lrtrav_ros.method.ground import NO_GROUND
 
 # What --save can add, each in a folder of its name.

@@ -26,6 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lrtrav_ros.config import FeaturesConfig
+from lrtrav_ros.frame import to_grey
 from lrtrav_ros.method import _features_kernels as kernels
 from lrtrav_ros.numerics.blas import one_blas_thread
 from lrtrav_ros.numerics.checks import check_array, check_distances, check_image, check_labels
@@ -188,28 +189,6 @@ def texture_histograms(
     n_bins = TEXTURES[texture].n_bins // len(patterns)
     parts = [_histograms(pattern.astype(np.uint16), superpixels, n_superpixels, n_bins) for pattern in patterns]
     return np.concatenate(parts, axis=1) / np.float32(len(parts))
-
-
-def to_grey(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Return the luminance of an image.
-
-    Parameters
-    ----------
-    image : (H, W) or (H, W, 3) ndarray of uint8
-        Grey or BGR.
-
-    Returns
-    -------
-    (H, W) ndarray of uint8
-        A grey image itself.
-
-    Raises
-    ------
-    TypeError, ValueError
-        If the image is not such an array.
-    """
-    check_image("image", image)
-    return image if image.ndim == 2 else cv2.cvtColor(np.ascontiguousarray(image), cv2.COLOR_BGR2GRAY)
 
 
 def weber_descriptor(grey: NDArray[np.uint8]) -> NDArray[np.uint8]:

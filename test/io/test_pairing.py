@@ -66,6 +66,9 @@ def test_partners_that_come_in_order_make_earlier_messages_useless():
     assert pairs.add_first(3, "o3", tolerance_ns=0) == ("o3", "l3")
     assert list(pairs.second.waiting) == [5, 4]
     assert pairs.second.unpaired == 2
+    pairs.add_first(7, "o7", tolerance_ns=0)
+    assert pairs.add_second(7, "l7", tolerance_ns=0) == ("o7", "l7")  # whichever of the two comes last
+    assert list(pairs.second.waiting) == []
 
 
 @pytest.mark.parametrize("late", [1, -(10**18)])

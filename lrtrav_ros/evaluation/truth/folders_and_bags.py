@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -51,7 +50,6 @@ class LabelledFolder:
         self._files: dict[str, list[Path]] = {}
         for file in sorted(file for folder in _FOLDERS for file in (path / folder).glob("*")):
             self._files.setdefault(file.stem, []).append(file)
-        self._opened_ns = time.time_ns()
 
     def files(self, name: str) -> list[Path]:
         """Return the files that a frame may be read from."""
@@ -59,10 +57,9 @@ class LabelledFolder:
 
     def items(self, names: Collection[str]) -> Iterator[LabelledItem]:
         """Yield the frames of these names."""
-        folder = self.path.absolute()
         for name in sorted(names):
-            file = FrameFile(folder, self._dataset.source, name, self._opened_ns)
-            yield _FolderFrame(file, folder / "gt" / f"{name}.png", self._labels)
+            file = self._dataset.frame_file(name)
+            yield _FolderFrame(file, file.folder / "gt" / f"{name}.png", self._labels)
 
 
 @dataclass(frozen=True, slots=True)

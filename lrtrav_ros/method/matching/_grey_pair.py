@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from lrtrav_ros.frame import pair_as_8bit
+from lrtrav_ros.frame import pair_as_8bit, to_grey
 from lrtrav_ros.numerics.checks import check_array
 
 
@@ -35,8 +34,5 @@ def grey_pair(left: NDArray[np.generic], right: NDArray[np.generic]) -> tuple[ND
 
 
 def _grey(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Return a contiguous grey image (H, W)."""
-    image = np.ascontiguousarray(image)
-    if image.ndim == 2:
-        return image
-    return cv2.cvtColor(image, cv2.COLOR_BGR2GRAY) if image.shape[2] == 3 else image[..., 0]
+    """Return a contiguous grey image (H, W) of one with 1 or 3 channels, or none."""
+    return np.ascontiguousarray(to_grey(image[..., 0] if image.shape[2:] == (1,) else image))

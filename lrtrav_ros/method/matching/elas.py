@@ -96,23 +96,7 @@ class Elas:
         self._pool = ThreadPoolExecutor(threads, "elas") if threads > 1 else None
 
     def compute(self, left: NDArray[np.generic], right: NDArray[np.generic]) -> NDArray[np.float32]:
-        """Return the disparity of the left image; see `Matcher.compute`.
-
-        Parameters
-        ----------
-        left, right : (H, W), (H, W, 1) or (H, W, 3) ndarray of uint8 or uint16
-            Rectified images, grey or BGR, of one shape and one type.
-
-        Returns
-        -------
-        (H, W) ndarray of float32
-            Disparity in pixels, 0 for none.
-
-        Raises
-        ------
-        TypeError, ValueError
-            If the images are not such a pair.
-        """
+        """Return the disparity of the left image; takes, returns and raises what `Matcher.compute` does."""
         return self._compute(left, right, 1)[0]
 
     def compute_both(

@@ -50,24 +50,9 @@ class OpenCVMatcher:
         self._matcher = kind.create(self._range, self._block_size, _SPECKLE_SIZE_PX // step**2)
 
     def compute(self, left: NDArray[np.generic], right: NDArray[np.generic]) -> NDArray[np.float32]:
-        """Return the disparity of the left image; see `Matcher.compute`.
+        """Return the disparity of the left image; takes, returns and raises what `Matcher.compute` does.
 
         With `half_resolution` images of half the size are matched and each disparity stands for 2 x 2 pixels.
-
-        Parameters
-        ----------
-        left, right : (H, W), (H, W, 1) or (H, W, 3) ndarray of uint8 or uint16
-            Rectified images, grey or BGR, of one shape and one type.
-
-        Returns
-        -------
-        (H, W) ndarray of float32
-            Disparity in pixels, 0 for none.
-
-        Raises
-        ------
-        TypeError, ValueError
-            If the images are not such a pair.
         """
         left, right = grey_pair(left, right)
         if not self._stereo.half_resolution:
