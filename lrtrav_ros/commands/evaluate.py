@@ -37,16 +37,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="folder to write to; an interrupted run resumes there. Results that the code or a setting has changed "
         "since are moved into DIR/superseded-N, and computed anew",
     )
-    parser.add_argument(
-        "--methods", metavar="LIST", help=f"comma-separated list of {_METHODS}; by default all but the last"
-    )
+    parser.add_argument("--methods", metavar="LIST", help=f"comma-separated list of {_METHODS}; by default all")
     parser.add_argument(
         "--study",
         choices=("texture", "distance"),
         help="compare texture descriptors, or distances between histograms, in the methods named (proposed)",
     )
     parser.add_argument("--seeds", type=int, default=5, metavar="N", help="runs of random_centres (%(default)s)")
-    parser.add_argument("--save-masks", action="store_true", help="keep each method's masks, in masks/SET/METHOD/")
+    parser.add_argument(
+        "--save-masks",
+        action="store_true",
+        help="keep each method's masks, in masks/SET/METHOD/, and measure how much they flicker between frames",
+    )
     _add_reading_options(parser)
     add_parallel_options(parser)
     add_setting_options(parser)
@@ -185,11 +187,11 @@ def _print_superseded(folder: EvaluationFolder) -> None:
 
 def _print(summary: Summary) -> None:
     """Print the tables, and on standard error what went wrong."""
-    from lrtrav_ros.evaluation.report.tables import band_table, score_table
+    from lrtrav_ros.evaluation.report.tables import band_table, obstacle_table, score_table
     from lrtrav_ros.method.ground import NO_GROUND
 
     if summary.results:
-        print("\n".join(["", *score_table(summary), "", *band_table(summary)]))
+        print("\n".join(["", *score_table(summary), "", *band_table(summary), "", *obstacle_table(summary)]))
     for item in summary.sets:
         for failed in item.errors:
             print(f"{item.name}/{failed.frame}: {failed.error}", file=sys.stderr)

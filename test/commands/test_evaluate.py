@@ -1,6 +1,8 @@
 """Tests of `evaluate`, through the command: what it writes, how it resumes, and what it does with frames that fail."""
 
 import csv
+import dataclasses
+import itertools
 import json
 import subprocess
 import sys
@@ -10,11 +12,13 @@ import cv2
 import numpy as np
 import pytest
 from recorded import FAST, N_FRAMES, frames, rendered, write_dataset
+from scipy import ndimage
 
 from lrtrav_ros import detector as detector_module
 from lrtrav_ros.commands import run
 from lrtrav_ros.config import Config
 from lrtrav_ros.evaluation.scoring import evaluation_folder, evaluation_identity
+from lrtrav_ros.evaluation.scoring import methods as methods_module
 from lrtrav_ros.evaluation.scoring.score_records import MEAN, PaperScores, Summary, from_json
 from lrtrav_ros.evaluation.scoring.scores import score
 from lrtrav_ros.io.image_files import read_image, write_image
@@ -72,15 +76,121 @@ def summary_of(output):
 
 def test_scores_have_a_row_for_each_frame_and_method_and_are_those_of_the_masks(evaluated):
     table = rows(evaluated)
-    assert list(table[0])[:6] == ["set", "frame", "method", "precision", "recall", "rmse"]
+    assert list(table[0])[:7] == ["set", "frame", "method", "precision", "recall", "rmse", "false_positive_rate"]
     assert len(table) == 3 * N_FRAMES
     for row in table:
         if row["method"] != "random_centres":
             truth = next(item.truth for item in rendered() if item.frame.name == row["frame"])
             mask = read_image(evaluated / "masks" / "road" / row["method"] / f"{row['frame']}.png")
-            expected = score(mask, truth)
-            found = [float(row[name]) for name in ("precision", "recall", "rmse")]
-            assert found == pytest.approx([expected.precision, expected.recall, expected.rmse], abs=1e-6)
+            found = [float(row[name]) for name in ("precision", "recall", "rmse", "false_positive_rate")]
+            assert found == pytest.approx(dataclasses.astuple(score(mask, truth)), abs=1e-6)
+
+
+def count_obstacles(mask, truth):
+    """Return the number of standing obstacles and of those missed, pixel by pixel as they are defined."""
+    labels, n = ndimage.label(truth == 0, structure=np.ones((3, 3)))
+    regions = [labels == label for label in range(1, n + 1)]
+    standing = [region for region in regions if region.sum() >= 0.001 * truth.size and not region[0].any()]
+    return len(standing), sum(2 * np.count_nonzero(mask[region] == 255) > region.sum() for region in standing)
+
+
+def test_obstacles_and_false_positives_are_those_of_the_masks(broken, tmp_path):
+    truths, output = {}, tmp_path / "out"
+    for item in rendered():
+        truth = truths[item.frame.name] = item.truth.copy()
+        truth[:2] = 128  # so that what stands before the sky stands below the top row
+        truth[110:120, 90:120] = 0  # a thing that is as flat as the ground
+        write_image(broken / "gt" / f"{item.frame.name}.png", truth)
+    assert evaluate(broken, output=output, options=("--methods", "uv_disparity,robust", "--save-masks")) == 0
+    for method in ("uv_disparity", "robust"):
+        n_obstacles, n_missed, rates = 0, 0, []
+        for row in [row for row in rows(output) if row["method"] == method]:
+            truth = truths[row["frame"]]
+            mask = read_image(output / "masks" / "broken" / method / f"{row['frame']}.png")
+            found, missed = count_obstacles(mask, truth)
+            assert (row["obstacles"], row["missed_obstacles"]) == (str(found), str(missed))
+            by_distance = [int(row[f"obstacles_{band}m"]) for band in ("0-5", "5-10", "10-20", "20-40", "40+")]
+            assert sum(by_distance) == found
+            assert row["obstacles_0-0.2m_high"] == ""
+            n_obstacles, n_missed = n_obstacles + found, n_missed + missed
+            rates.append((mask[truth == 0] == 255).mean())
+        result = next(item for item in summary_of(output).results if item.method == method)
+        assert n_obstacles > n_missed >= N_FRAMES
+        assert (result.obstacles.total.n_obstacles, result.obstacles.total.n_missed) == (n_obstacles, n_missed)
+        assert result.scores.false_positive_rate == pytest.approx(np.mean(rates))
+
+
+def test_obstacles_are_counted_by_height_where_it_is_known(broken, tmp_path, capsys):
+    truth = np.full_like(rendered()[0].truth, 255)
+    truth[70:80, 20:40], truth[100:120, 150:180], truth[:20] = 0, 0, 0
+    height_mm = np.zeros(truth.shape, np.uint16)
+    height_mm[70:80, 20:40], height_mm[100:120, 150:180] = 150, 1250
+    name = frames()[0].name
+    write_image(broken / "gt" / f"{name}.png", truth)
+    write_image(broken / "height" / f"{name}.png", height_mm)
+    assert evaluate(broken, output=tmp_path / "out", options=("--methods", "robust")) == 0
+    (row,) = [row for row in rows(tmp_path / "out") if row["frame"] == name]
+    heights = [row[f"obstacles_{band}m_high"] for band in ("0-0.2", "0.2-0.5", "0.5-1", "1+")]
+    assert (row["obstacles"], heights) == ("2", ["1", "0", "0", "1"])
+    (result,) = summary_of(tmp_path / "out").results
+    low, *_, high = result.obstacles.by_height
+    assert (low.n_obstacles, high.n_obstacles) == (1, 1)
+    header, line = capsys.readouterr().out.splitlines()[-4:-2]
+    assert header.split("  ")[-1] == "1+ m high"
+    assert line.split("  ")[-1].strip() == f"{high.n_missed:g} of 1"
+    write_image(broken / "height" / f"{name}.png", height_mm.T.copy())
+    assert evaluate(broken, output=tmp_path / "out", options=("--methods", "robust")) == 0
+    (failed,) = summary_of(tmp_path / "out").sets[0].errors
+    assert "the heights are 128 x 208 pixels, but the frame is 208 x 128" in failed.error
+
+
+def test_unknown_pixels_are_no_obstacles_whatever_they_count_as(broken, tmp_path):
+    truth = np.full_like(rendered()[0].truth, 255)
+    truth[70:80, 20:40], truth[100:120, 150:180] = 0, 128
+    name = frames()[0].name
+    write_image(broken / "gt" / f"{name}.png", truth)
+    options = ("--methods", "uv_disparity", "--unknown", "not-traversable")
+    assert evaluate(broken, output=tmp_path / "out", options=options) == 0
+    (row,) = [row for row in rows(tmp_path / "out") if row["frame"] == name]
+    assert row["obstacles"] == "1"
+
+
+def test_flicker_is_that_of_the_masks_that_are_kept(evaluated, broken, tmp_path):
+    paths = sorted((evaluated / "masks" / "road" / "robust").iterdir())
+    masks = [read_image(path) for path in paths]
+    expected = np.mean([np.mean(one != other) for one, other in itertools.pairwise(masks)])
+    assert summary_of(evaluated).results[2].flicker == pytest.approx(expected)
+    assert evaluate(broken, output=tmp_path / "out", options=("--methods", "uv_disparity")) == 0
+    assert summary_of(tmp_path / "out").results[0].flicker is None
+
+
+def test_calibration_of_a_method_with_confidence_is_measured(broken, tmp_path, monkeypatch, capsys):
+    real = methods_module.find_by_clusters
+
+    def with_confidence(frame, config, run):
+        detection = real(frame, config, run)
+        confidence = np.full(detection.mask.shape, 204, np.uint8)
+        confidence[:50] = 0
+        long_range = dataclasses.replace(detection.long_range, confidence=confidence)
+        return dataclasses.replace(detection, long_range=long_range)
+
+    robust = dataclasses.replace(methods_module.METHODS["robust"], find=with_confidence)
+    monkeypatch.setitem(methods_module.METHODS, "robust", robust)
+    assert evaluate(broken, output=tmp_path / "out", options=("--methods", "robust,uv_disparity", "--save-masks")) == 0
+    robust, uv_disparity = summary_of(tmp_path / "out").results
+    right = [
+        (read_image(tmp_path / "out/masks/broken/robust" / f"{item.frame.name}.png") == item.truth)[50:][truth != 128]
+        for item in rendered()
+        for truth in [item.truth[50:]]
+    ]
+    share = np.mean(np.concatenate(right))
+    assert [item.n_pixels > 0 for item in robust.reliability] == [False] * 6 + [True] + [False] * 3
+    assert robust.reliability[6].n_pixels == sum(map(len, right))
+    assert robust.reliability[6].share_right == pytest.approx(share)
+    assert robust.calibration_error == pytest.approx(abs(share - 0.8))
+    assert (uv_disparity.reliability, uv_disparity.calibration_error) == ((), None)
+    assert "calibration error" in capsys.readouterr().out
+    assert "share that is right, by confidence" in (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
 
 
 def test_summary_has_the_means_of_the_rows(evaluated):
@@ -128,8 +238,8 @@ def test_table_is_printed(dataset, evaluated, capsys):
     printed = capsys.readouterr()
     assert f"{N_FRAMES} frames were finished before" in printed.err
     line = next(line for line in printed.out.splitlines() if line.startswith("road  robust"))
-    scores = summary_of(evaluated).results[2].scores
-    assert line.split()[2:6] == [str(N_FRAMES), f"{scores.precision:.4f}", f"{scores.recall:.4f}", f"{scores.rmse:.4f}"]
+    scores = dataclasses.astuple(summary_of(evaluated).results[2].scores)
+    assert line.split()[2:7] == [str(N_FRAMES), *(f"{value:.4f}" for value in scores)]
 
 
 def test_files_do_not_depend_on_the_number_of_processes(dataset, evaluated, tmp_path):

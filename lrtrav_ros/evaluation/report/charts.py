@@ -25,7 +25,13 @@ class Series:
 
 
 def line_chart(
-    title: str, series: Sequence[Series], labels: Sequence[str], *, top: float | None = None, every_label: bool = False
+    title: str,
+    series: Sequence[Series],
+    labels: Sequence[str],
+    *,
+    top: float | None = None,
+    every_label: bool = False,
+    reference: Sequence[float] = (),
 ) -> str:
     """Return a chart with a line for each series.
 
@@ -42,9 +48,12 @@ def line_chart(
         begins at 0 and ends where the values do.
     every_label : bool
         Write all the labels below the axis; else the numbers of some points, from 1 on.
+    reference : sequence of float
+        What the values should be, as a dashed line; none by default.
     """
-    low, high = _limits([value for item in series for value in item.values if value is not None], top)
-    lines = "".join(_line(item, low, high) for item in series)
+    values = [value for item in series for value in item.values if value is not None]
+    low, high = _limits([*values, *reference], top)
+    lines = _reference(reference, low, high) + "".join(_line(item, low, high) for item in series)
     ticks = _ticks(low, high)
     grid = "".join(f'<path class="grid" d="M0 {_y(tick, low, high)}H{len(labels)}"/>' for tick in ticks)
     hits = "".join(_hit(i, label, series) for i, label in enumerate(labels))
@@ -60,13 +69,18 @@ def line_chart(
 def _limits(values: Sequence[float], top: float | None) -> tuple[float, float]:
     """Return the ends of the axis: all values are between them."""
     if top is None:
-        return 0.0, max(math.ceil(max(values, default=0.0) * 10) / 10, 0.1)
+        greatest = max(values, default=0.0)
+        parts = 10 if greatest > 0.1 else 100
+        return 0.0, max(math.ceil(round(greatest * parts, 6)), 1) / parts
     return min(math.floor(min(values, default=0.0) * 10) / 10, top - 0.1), top
 
 
 def _ticks(low: float, high: float) -> list[float]:
     """Return about four round values from one end to the other."""
-    step = next((step for step in (0.02, 0.05, 0.1, 0.2, 0.25, 0.5, 1.0) if (high - low) / step < 5.5), high - low)
+    step = next(
+        (step for step in (0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.25, 0.5, 1.0) if (high - low) / step < 5.5),
+        high - low,
+    )
     return [round(high - i * step, 6) for i in range(int((high - low) / step + 1e-6) + 1)]
 
 
@@ -87,6 +101,11 @@ def _line(series: Series, low: float, high: float) -> str:
                 line.append(f"{'M' if before is None else 'L'}{place}")
     paths = {f"line s{series.colour}": line, f"line dot s{series.colour}": dots}
     return "".join(f'<path class="{name}" d="{"".join(parts)}"/>' for name, parts in paths.items() if parts)
+
+
+def _reference(values: Sequence[float], low: float, high: float) -> str:
+    points = "L".join(f"{i + 0.5:g} {_y(value, low, high)}" for i, value in enumerate(values))
+    return f'<path class="reference" d="M{points}"/>' if points else ""
 
 
 def _hit(index: int, label: str, series: Sequence[Series]) -> str:

@@ -1,10 +1,11 @@
-"""The gallery of the report: pictures of the frames on which a method is best, in the middle and worst."""
+"""The galleries of the report: best, median and worst frames, and those where most of the obstacles is called free."""
 
 from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 import cv2
 import numpy as np
@@ -13,16 +14,25 @@ from tqdm import tqdm
 
 from lrtrav_ros.evaluation.scoring.frame_evaluation import SeededMethod, Setup
 from lrtrav_ros.evaluation.scoring.methods import MethodDetection
+from lrtrav_ros.evaluation.scoring.obstacles import StandingObstacles
 from lrtrav_ros.evaluation.scoring.score_records import FrameRecord, MethodRecord
 from lrtrav_ros.evaluation.scoring.shared_stages import SharedStages
 from lrtrav_ros.evaluation.truth.labelled_sets import LabelledFrame, LabelledItem
-from lrtrav_ros.evaluation.truth.labels import apply_unknown_rule
+from lrtrav_ros.evaluation.truth.labels import NOT_TRAVERSABLE, apply_unknown_rule
 from lrtrav_ros.evaluation.truth.opening import NamedSet
 from lrtrav_ros.io import pictures
 from lrtrav_ros.offline.parallel import TaskFailure, run_tasks
 
+CALLED_FREE = "obstacle pixels called free"
+"""The rank of the frames that have most of them, and the title of the picture that marks them."""
+
 _WIDTH_PX = 560
 _QUALITY = 80
+_N_CALLED_FREE = 3
+_FALSE_COLOUR = (0, 94, 213)
+_SEEN_COLOUR = (0, 230, 255)
+
+_Value = TypeVar("_Value", np.uint8, np.float32)
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,14 +52,15 @@ class Exhibit:
     Attributes
     ----------
     rank : str
-        ``best``, ``median`` or ``worst`` frame of the method by RMSE.
+        ``best``, ``median`` or ``worst`` frame of the method by RMSE; or `CALLED_FREE`.
     set, frame : str
         Names of the set and of the frame.
     record : MethodRecord
         The method's scores on it.
     pictures : tuple of Picture
-        Image, truth, short range, superpixels, clusters, long range and errors, as far as the method has them; of a
-        method with several seeds, those of the first. Empty where the frame could not be read again.
+        Image, truth, short range, superpixels, clusters, long range and errors, as far as the method has them; of
+        `CALLED_FREE` the image, short range, and obstacle pixels that are called free. Of a method with several seeds,
+        those of the first. Empty where the frame could not be read again.
     """
 
     rank: str
@@ -100,7 +111,12 @@ def make_gallery(
     OSError, RuntimeError
         If a set cannot be read, or the tasks not be run.
     """
-    chosen = [item for seeded in setup.methods for item in choose_exhibits(records, seeded.method.name)]
+    chosen = [
+        item
+        for seeded in setup.methods
+        for choose in (choose_exhibits, choose_called_free)
+        for item in choose(records, seeded.method.name)
+    ]
     tasks = _tasks(sets, setup, chosen, unknown)
     made: dict[tuple[str, str, str], tuple[Picture, ...]] = {}
     results = run_tasks(make_pictures, tasks, jobs=jobs, cluster=cluster)
@@ -110,8 +126,16 @@ def make_gallery(
             for seeded, of_method in zip(task.methods, result, strict=True):
                 made[task.set, task.item.name, seeded.method.name] = of_method
     return [
-        dataclasses.replace(item, pictures=made.get((item.set, item.frame, item.record.method), ())) for item in chosen
+        dataclasses.replace(item, pictures=_shown(item, made.get((item.set, item.frame, item.record.method), ())))
+        for item in chosen
     ]
+
+
+def _shown(item: Exhibit, made: Sequence[Picture]) -> tuple[Picture, ...]:
+    """Return the pictures of a frame that its exhibit shows."""
+    if item.rank == CALLED_FREE:
+        return tuple(picture for picture in made if picture.title in ("image", "short range", CALLED_FREE))
+    return tuple(picture for picture in made if picture.title != CALLED_FREE)
 
 
 def choose_exhibits(records: Iterable[FrameRecord], method: str) -> Iterator[Exhibit]:
@@ -128,6 +152,18 @@ def choose_exhibits(records: Iterable[FrameRecord], method: str) -> Iterator[Exh
     for rank in sorted(places, key=places.__getitem__):
         frame, record = ordered[places[rank]]
         yield Exhibit(rank, frame.set, frame.frame, record)
+
+
+def choose_called_free(records: Iterable[FrameRecord], method: str) -> Iterator[Exhibit]:
+    """Yield the frames on which a method calls most obstacle pixels free, without pictures; none where there are none.
+
+    Obstacle pixels are all that the truth says are not traversable.
+    """
+    of_method = [(frame, item) for frame in records for item in frame.methods if item.method == method]
+    ordered = sorted(of_method, key=lambda pair: -pair[1].pixels.n_false_positives)
+    for frame, record in ordered[:_N_CALLED_FREE]:
+        if record.pixels.n_false_positives:
+            yield Exhibit(CALLED_FREE, frame.set, frame.frame, record)
 
 
 def _tasks(sets: Sequence[NamedSet], setup: Setup, chosen: Sequence[Exhibit], unknown: str) -> list[GalleryTask]:
@@ -154,14 +190,15 @@ def make_pictures(task: GalleryTask) -> list[tuple[Picture, ...]]:
     """
     try:
         labelled, stages = task.item.read(), SharedStages()
+        obstacles = StandingObstacles(labelled.truth)
         labelled = LabelledFrame(labelled.frame, apply_unknown_rule(labelled.truth, task.unknown_rule))
         detections = (seeded.method.find(labelled.frame, seeded.configs[0], stages.runner()) for seeded in task.methods)
-        return [tuple(_pictures(labelled, detection)) for detection in detections]
+        return [tuple(_pictures(labelled, obstacles, detection)) for detection in detections]
     except cv2.error as err:
         raise ValueError(" ".join(str(err).split())) from err
 
 
-def _pictures(labelled: LabelledFrame, detection: MethodDetection) -> Iterator[Picture]:
+def _pictures(labelled: LabelledFrame, obstacles: StandingObstacles, detection: MethodDetection) -> Iterator[Picture]:
     image, short = labelled.frame.image, detection.short_range.occupancy
     yield _picture("image", pictures.colour_image(image))
     yield _picture("truth", pictures.truth_picture(image, labelled.truth))
@@ -171,12 +208,51 @@ def _pictures(labelled: LabelledFrame, detection: MethodDetection) -> Iterator[P
         yield _picture("clusters", pictures.label_picture(detection.long_range.clusters))
         yield _picture("long range", pictures.overlay(image, short, detection.occupancy))
     yield _picture("errors", pictures.error_picture(image, detection.mask, labelled.truth))
+    yield _picture(CALLED_FREE, called_free_picture(image, detection.mask, labelled.truth, obstacles))
+
+
+def called_free_picture(
+    image: NDArray[np.uint8], mask: NDArray[np.uint8], truth: NDArray[np.uint8], obstacles: StandingObstacles
+) -> NDArray[np.uint8]:
+    """Return the image, darker and as wide as it is shown, with every obstacle pixel that is called free.
+
+    Those are vermilion, and a pixel of the picture is where any that it stands for is. Standing obstacles are outlined,
+    in vermilion where they are missed, else in yellow.
+
+    Parameters
+    ----------
+    image : (H, W) or (H, W, 3) ndarray of uint8
+        Left image, BGR or grey.
+    mask : (H, W) ndarray of uint8
+        255 traversable, 0 not.
+    truth : (H, W) ndarray of uint8
+        255 traversable, 0 not, 128 ignored.
+    obstacles : StandingObstacles
+        Those of the frame.
+
+    Returns
+    -------
+    (h, w, 3) ndarray of uint8
+        BGR.
+    """
+    called_free = ((mask > 127) & (truth == NOT_TRAVERSABLE)).astype(np.float32)
+    picture = _at_most_as_wide_as_shown(pictures.colour_image(image)) // 2
+    scale = picture.shape[1] / image.shape[1]
+    for outline, missed in zip(obstacles.outlines(), obstacles.missed(mask), strict=True):
+        points = np.rint((outline + 0.5) * scale - 0.5).astype(np.int32)
+        cv2.polylines(picture, [points], True, _FALSE_COLOUR if missed else _SEEN_COLOUR, 1)
+    picture[_at_most_as_wide_as_shown(called_free) > 0] = _FALSE_COLOUR
+    return picture
+
+
+def _at_most_as_wide_as_shown(image: NDArray[_Value]) -> NDArray[_Value]:
+    height, width = image.shape[:2]
+    if width <= _WIDTH_PX:
+        return image
+    return cv2.resize(image, (_WIDTH_PX, max(round(height * _WIDTH_PX / width), 1)), interpolation=cv2.INTER_AREA)
 
 
 def _picture(title: str, image: NDArray[np.uint8]) -> Picture:
-    height, width = image.shape[:2]
-    if width > _WIDTH_PX:
-        size = (_WIDTH_PX, max(round(height * _WIDTH_PX / width), 1))
-        image = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
+    image = _at_most_as_wide_as_shown(image)
     data = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])[1].tobytes()
     return Picture(title, data, image.shape[1], image.shape[0])

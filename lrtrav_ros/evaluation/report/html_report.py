@@ -5,30 +5,41 @@ from __future__ import annotations
 import base64
 import dataclasses
 import statistics
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from html import escape
 from importlib.resources import files
 from pathlib import Path
 
 from lrtrav_ros.detector import StageTimes
 from lrtrav_ros.evaluation.report.charts import Bar, Series, line_chart, stacked_bars
-from lrtrav_ros.evaluation.report.gallery import Exhibit, Picture
-from lrtrav_ros.evaluation.report.tables import BAND_NAMES
+from lrtrav_ros.evaluation.report.gallery import CALLED_FREE, Exhibit, Picture
+from lrtrav_ros.evaluation.report.tables import (
+    BAND_NAMES,
+    HEIGHT_NAMES,
+    PAPER_SCORES,
+    SCORE_TITLES,
+    missed_of,
+    obstacle_bands,
+)
+from lrtrav_ros.evaluation.scoring.reliability import CONFIDENCE_BINS
 from lrtrav_ros.evaluation.scoring.score_records import FrameRecord, FrameTimes, MethodRecord, Summary, TableRow
 from lrtrav_ros.evaluation.scoring.scores import Scores
 from lrtrav_ros.io.atomic_files import write_bytes
 from lrtrav_ros.method.ground import NO_GROUND
 
-_SCORES = (("precision", "precision"), ("recall", "recall"), ("rmse", "RMSE"))
 _STAGES = {field.name: field.name.removesuffix("_ms") for field in dataclasses.fields(StageTimes)}
 _N_COLOURS = 8
 _NONE = "\N{EN DASH}"
+_TOPS = {"precision": 1.0, "recall": 1.0}  # of the axes; those of errors end where the values do
 _SECTIONS = (
     ("scores", "Scores"),
+    ("obstacles", "Obstacles"),
     ("distance", "By distance"),
     ("frames", "Frame by frame"),
+    ("confidence", "Confidence"),
     ("time", "Time"),
     ("gallery", "Gallery"),
+    ("called-free", "Obstacles called free"),
     ("configuration", "Configuration"),
 )
 
@@ -61,10 +72,13 @@ def report_html(
     body = [
         _header(summary),
         _scores(summary),
+        _obstacles(summary),
         _bands(summary),
         _frames(summary, records),
+        _confidence(summary),
         _times(summary, times),
         _gallery(summary, exhibits),
+        _called_free(summary, exhibits),
         _configuration(summary),
     ]
     return _document("Evaluation of traversable regions", "\n".join(body), n_series=len(summary.methods))
@@ -143,6 +157,7 @@ def _tiles(summary: Summary) -> str:
     """Return the best value of each score, and by which method."""
     if not summary.means:
         return ""
+    missed = min(summary.means, key=lambda row: row.obstacles.total.n_missed)
     rmse = min(summary.means, key=lambda row: row.scores.rmse)
     precision = max(summary.means, key=lambda row: row.scores.precision)
     recall = max(summary.means, key=lambda row: row.scores.recall)
@@ -153,6 +168,7 @@ def _tiles(summary: Summary) -> str:
             ("Lowest RMSE", rmse, f"{rmse.scores.rmse:.3f}"),
             ("Highest precision", precision, f"{precision.scores.precision:.3f}"),
             ("Highest recall", recall, f"{recall.scores.recall:.3f}"),
+            ("Fewest obstacles missed", missed, missed_of(missed.obstacles.total) or _NONE),
             ("Farthest reach", reach, _NONE if reach.reach_m is None else f"{reach.reach_m:.0f} m"),
         )
     )
@@ -163,23 +179,33 @@ def _scores(summary: Summary) -> str:
     """Return the table of methods and sets, and what could not be scored."""
     rows = [*summary.results, *summary.means]
     with_paper, with_spread = any(row.paper for row in rows), any(row.spread for row in rows)
-    head = ["method", "precision", "recall", "RMSE"] + ["± RMSE"] * with_spread + ["reach m", "gained m"]
-    head += ["paper: precision", "recall", "RMSE"] * with_paper + ["frames"]
+    with_flicker = any(row.flicker is not None for row in rows)
+    head = ["method", *SCORE_TITLES.values(), *["± RMSE"] * with_spread, "missed obstacles", "reach m", "gained m"]
+    head += ["flicker"] * with_flicker + ["paper: precision", "recall", "RMSE"] * with_paper + ["frames"]
     groups = [(item.name, [row for row in summary.results if row.set == item.name]) for item in summary.sets]
     if len(summary.sets) > 1:
         groups.append(("mean of the sets", list(summary.means)))
     worst = max((row.scores.rmse for row in rows), default=0.0) or 1.0
     body = "".join(
         f'<tbody><tr><th colspan="{len(head)}" scope="rowgroup">{escape(name)}</th></tr>'
-        + "".join(_score_row(row, of_set, worst, with_paper=with_paper, with_spread=with_spread) for row in of_set)
+        + "".join(
+            _score_row(row, of_set, worst, with_paper=with_paper, with_spread=with_spread, with_flicker=with_flicker)
+            for row in of_set
+        )
         + "</tbody>"
         for name, of_set in groups
     )
     text = (
         "<p>Precision: how much of what was found is traversable. Recall: how much of what is traversable was found. "
-        "RMSE: root of the share of pixels that are wrong. Reach: how far ahead the mask finds the ground without "
-        "interruption; gained: how much farther than short range alone.</p>"
+        "RMSE: root of the share of pixels that are wrong. False positives: how much of what is not traversable is "
+        "called free. Reach: how far ahead the mask finds the ground without interruption; gained: how much farther "
+        "than short range alone.</p>"
     )
+    if with_flicker:
+        text += (
+            "<p>Flicker: share of the pixels whose label changes from a frame to the next; it tells something where "
+            "frames are consecutive.</p>"
+        )
     return _section("scores", f"{text}{_table(head, body)}{_seeds(summary)}{_problems(summary)}")
 
 
@@ -188,22 +214,27 @@ def _table(head: Sequence[str], body: str) -> str:
     return f'<div class="scroll"><table><thead><tr>{titles}</tr></thead>{body}</table></div>'
 
 
-def _score_row(row: TableRow, of_set: Sequence[TableRow], worst: float, *, with_paper: bool, with_spread: bool) -> str:
-    best = {
-        "precision": max(item.scores.precision for item in of_set),
-        "recall": max(item.scores.recall for item in of_set),
-        "rmse": min(item.scores.rmse for item in of_set),
-    }
+def _score_row(
+    row: TableRow,
+    of_set: Sequence[TableRow],
+    worst: float,
+    *,
+    with_paper: bool,
+    with_spread: bool,
+    with_flicker: bool,
+) -> str:
     cells = [f'<th scope="row">{escape(row.method)}</th>']
-    for name, _ in _SCORES:
+    for name in SCORE_TITLES:
         value = getattr(row.scores, name)
-        kind = " best" * (value == best[name] and len(of_set) > 1)
+        best = (max if name in _TOPS else min)(getattr(item.scores, name) for item in of_set)
+        kind = " best" * (value == best and len(of_set) > 1)
         share = f' style="--share:{value / worst * 100:.3g}%"' if name == "rmse" else ""
         cells.append(f'<td class="{name}{kind}"{share}>{value:.4f}</td>')
     spread = row.spread.rmse if row.spread else None
-    cells += [_cell(spread, 4)] * with_spread + [_cell(row.reach_m, 1), _cell(row.gain_m, 1)]
+    cells += [_cell(spread, 4)] * with_spread + [f"<td>{missed_of(row.obstacles.total) or _NONE}</td>"]
+    cells += [_cell(row.reach_m, 1), _cell(row.gain_m, 1)] + [_cell(row.flicker, 4)] * with_flicker
     if with_paper:
-        cells += [_cell(getattr(row.paper, name) if row.paper else None, 4) for name, _ in _SCORES]
+        cells += [_cell(getattr(row.paper, name) if row.paper else None, 4) for name in PAPER_SCORES]
     return f"<tr>{''.join(cells)}<td>{row.n_frames}</td></tr>"
 
 
@@ -233,6 +264,26 @@ def _problems(summary: Summary) -> str:
     return f"<details open><summary>{_number_of(len(items), 'note')} on frames</summary><ul>{listed}</ul></details>"
 
 
+def _obstacles(summary: Summary) -> str:
+    """Return a table of the obstacles that each method misses, by distance and height."""
+    with_height = any(row.obstacles.by_height for row in summary.means)
+    head = ["method", "all", *(f"{band} m" for band in BAND_NAMES)]
+    head += [f"{band} m high" for band in HEIGHT_NAMES] * with_height
+    body = "".join(
+        f'<tr><th scope="row">{escape(row.method)}</th>'
+        + "".join(f"<td>{missed_of(counts) or _NONE}</td>" for counts in obstacle_bands(row.obstacles)[: len(head) - 1])
+        + "</tr>"
+        for row in summary.means
+    )
+    text = (
+        "<p>Standing obstacles that are missed: connected regions that are not traversable, of at least 0.1 % of the "
+        "image and below its top row, of which more than half is called free. By the distance of their feet"
+        + (" and by their height" if with_height else "")
+        + "; those of all frames taken together.</p>"
+    )
+    return _section("obstacles", f"{text}{_table(head, f'<tbody>{body}</tbody>')}")
+
+
 def _bands(summary: Summary) -> str:
     """Return charts and a table of the scores by distance."""
     rows = summary.means
@@ -242,17 +293,17 @@ def _bands(summary: Summary) -> str:
             title,
             [Series(row.method, number[row.method], _values(row.bands, name)) for row in rows],
             [f"{band} m" for band in BAND_NAMES],
-            top=None if name == "rmse" else 1.0,
+            top=_TOPS.get(name),
             every_label=True,
         )
-        for name, title in _SCORES
+        for name, title in SCORE_TITLES.items()
     )
     body = "".join(
         f'<tr><th scope="row">{escape(row.method)}</th><td class="text">{title}</td>'
         + "".join(_cell(value, 4) for value in _values(row.bands, name))
         + "</tr>"
         for row in rows
-        for name, title in _SCORES
+        for name, title in SCORE_TITLES.items()
     )
     table = _table(["method", "", *(f"{band} m" for band in BAND_NAMES)], f"<tbody>{body}</tbody>")
     text = "<p>Distance on the ground, by the geometry of the ground line; pixels of all frames taken together.</p>"
@@ -305,9 +356,9 @@ def _set_charts(summary: Summary, frames: Sequence[FrameRecord]) -> str:
             title,
             [Series(method, i, _of_frames(found, method, name)) for method, i in numbers.items()],
             [frame.frame for frame in frames],
-            top=None if name == "rmse" else 1.0,
+            top=_TOPS.get(name),
         )
-        for name, title in _SCORES
+        for name, title in SCORE_TITLES.items()
     )
     columns = [_of_frames(found, method, "rmse") for method in numbers]
     body = "".join(
@@ -320,6 +371,57 @@ def _set_charts(summary: Summary, frames: Sequence[FrameRecord]) -> str:
 
 def _of_frames(frames: Iterable[dict[str, MethodRecord]], method: str, name: str) -> tuple[float | None, ...]:
     return _values((frame[method].scores if method in frame else None for frame in frames), name)
+
+
+def _confidence(summary: Summary) -> str:
+    """Return reliability curves: how often the methods are right where they are so sure."""
+    rows, numbers = [row for row in summary.means if row.reliability], _numbers(summary)
+    if not rows:
+        return _section("confidence", '<p class="soft">No method says how sure it is.</p>')
+    labels = [f"{low:.0%}" for low, _ in CONFIDENCE_BINS]
+    curves = [
+        Series(row.method, numbers[row.method], tuple(item.share_right for item in row.reliability)) for row in rows
+    ]
+    shares = [Series(row.method, numbers[row.method], _shares(row)) for row in rows]
+    middles = [(low + high) / 2 for low, high in CONFIDENCE_BINS]
+    charts = line_chart(
+        "share that is right, by confidence", curves, labels, top=1.0, every_label=True, reference=middles
+    )
+    charts += line_chart("share of the pixels, by confidence", shares, labels, every_label=True)
+    text = (
+        "<p>Of the pixels of which a method is 80 % sure, 80 % should be right: then its curve is on the dashed line. "
+        "A bin begins at the confidence below it. Pixels of all frames taken together, without those of unknown truth "
+        "and those where nothing tells. Calibration error: how far confidence is from the share that is right, a mean "
+        "over the pixels.</p>"
+    )
+    return _section(
+        "confidence",
+        f'{text}{_keys(summary, with_boxes=False)}<div class="charts">{charts}</div>{_reliability_table(rows)}',
+    )
+
+
+def _shares(row: TableRow) -> tuple[float, ...]:
+    """Return which share of the pixels is in each bin."""
+    n_pixels = sum(item.n_pixels for item in row.reliability)
+    return tuple(item.n_pixels / max(n_pixels, 1) for item in row.reliability)
+
+
+def _reliability_table(rows: Sequence[TableRow]) -> str:
+    """Return the calibration error of each method, and the numbers of its curve."""
+    errors = "".join(
+        f'<tr><th scope="row">{escape(row.method)}</th>{_cell(row.calibration_error, 4)}</tr>' for row in rows
+    )
+    body = "".join(
+        f'<tr><th scope="row">{escape(row.method)}</th><td>{low:.0%} to {high:.0%}</td>'
+        f"{_cell(item.confidence, 4)}{_cell(item.share_right, 4)}<td>{item.n_pixels}</td></tr>"
+        for row in rows
+        for (low, high), item in zip(CONFIDENCE_BINS, row.reliability, strict=True)
+    )
+    numbers = _table(["method", "bin", "mean confidence", "share right", "pixels"], f"<tbody>{body}</tbody>")
+    return (
+        f"{_table(['method', 'calibration error'], f'<tbody>{errors}</tbody>')}"
+        f"<details><summary>The numbers</summary>{numbers}</details>"
+    )
 
 
 def _times(summary: Summary, times: Sequence[FrameTimes]) -> str:
@@ -370,17 +472,37 @@ def _gallery(summary: Summary, exhibits: Sequence[Exhibit]) -> str:
         "is ground at short range, blue what was added to it, red an obstacle. Colours of the errors:</p>",
         f'<ul class="legend">{legend}</ul>',
     ]
-    for method in summary.methods:
-        shown = [item for item in exhibits if item.record.method == method.name]
-        if shown:
-            parts.append(f'<h3>{escape(method.name)} <small class="soft">{escape(method.description)}</small></h3>')
-            parts += map(_exhibit, shown)
+    parts += _by_method(summary, [item for item in exhibits if item.rank != CALLED_FREE])
     return _section("gallery", "\n".join(parts))
 
 
+def _called_free(summary: Summary, exhibits: Sequence[Exhibit]) -> str:
+    """Return pictures of the frames on which each method calls most obstacle pixels free."""
+    parts = [
+        "<p>For each method the frames with the most pixels that are called free and are not traversable; those are "
+        "vermilion. Standing obstacles are outlined: in yellow, and in vermilion where more than half is called "
+        "free.</p>"
+    ]
+    parts += _by_method(summary, [item for item in exhibits if item.rank == CALLED_FREE])
+    if len(parts) == 1:
+        parts.append('<p class="soft">No method calls anything free that is not traversable.</p>')
+    return _section("called-free", "\n".join(parts))
+
+
+def _by_method(summary: Summary, exhibits: Sequence[Exhibit]) -> Iterator[str]:
+    """Yield the exhibits of each method below its name."""
+    for method in summary.methods:
+        shown = [item for item in exhibits if item.record.method == method.name]
+        if shown:
+            yield f'<h3>{escape(method.name)} <small class="soft">{escape(method.description)}</small></h3>'
+            yield from map(_exhibit, shown)
+
+
 def _exhibit(item: Exhibit) -> str:
-    scores = item.record.scores
+    scores, missed = item.record.scores, missed_of(item.record.obstacles.total)
     numbers = f"RMSE {scores.rmse:.4f}, precision {scores.precision:.4f}, recall {scores.recall:.4f}"
+    numbers += f", false positives {scores.false_positive_rate:.4f}"
+    numbers += f", missed {missed} obstacles" if missed else ""
     numbers += f", {item.record.problem}" if item.record.problem else ""
     place = f"{item.set}/{item.frame}"
     figures = "".join(_figure(picture, f"{item.record.method}, {place}: {picture.title}") for picture in item.pictures)

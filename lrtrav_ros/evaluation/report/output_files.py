@@ -73,7 +73,7 @@ def write_results(
                 raise ValueError(f"{folder.path}: the record of {item.name}/{name} is gone; run the evaluation again")
             records.append(record)
             times.append(frame_times)
-    summary = summarise(sets, records, setup, unknown)
+    summary = summarise(sets, records, setup, unknown, folder.mask)
     methods = [method.name for method in summary.methods]
     write_bytes(folder.path / "scores.csv", scores_csv(records, methods).encode())
     write_bytes(folder.path / "times.csv", times_csv(times).encode())

@@ -13,13 +13,17 @@ from dataclasses import dataclass
 from itertools import count
 from pathlib import Path
 
+import numpy as np
+from numpy.typing import NDArray
 from tqdm import tqdm
 
 from lrtrav_ros.evaluation.scoring.evaluation_identity import EvaluationIdentity
 from lrtrav_ros.evaluation.scoring.frame_evaluation import FrameOutcome, FrameTask, Setup, evaluate_frame
 from lrtrav_ros.evaluation.scoring.score_records import FrameRecord, FrameTimes, Record, from_json, to_json
 from lrtrav_ros.evaluation.truth.opening import NamedSet
+from lrtrav_ros.frame import as_8bit
 from lrtrav_ros.io.atomic_files import write_bytes
+from lrtrav_ros.io.image_files import read_image
 from lrtrav_ros.offline.parallel import TaskFailure, run_tasks
 
 _IDENTITY_FILE = "run.json"
@@ -89,12 +93,26 @@ class EvaluationFolder:
         """Return the times of a frame; None where there are none that can be read."""
         return _read(FrameTimes, self.path / "times" / set_name / f"{frame}.json")
 
+    def mask(self, set_name: str, method: str, frame: str) -> NDArray[np.uint8] | None:
+        """Return a method's mask of a frame; None where masks are not kept.
+
+        Raises
+        ------
+        ValueError
+            If its file is no image.
+        """
+        path = self._mask_path(set_name, method, frame)
+        return as_8bit(read_image(path)) if path.exists() else None
+
+    def _mask_path(self, set_name: str, method: str, frame: str) -> Path:
+        return self.path / "masks" / set_name / method / f"{frame}.png"
+
     def write(self, outcome: FrameOutcome) -> None:
         """Write what is kept of a frame; the record comes last, and tells that the rest is there."""
         record = outcome.record
         file = Path(record.set) / f"{record.frame}.json"
         for mask in outcome.masks:
-            write_bytes(self.path / "masks" / record.set / mask.method / f"{record.frame}.png", mask.data)
+            write_bytes(self._mask_path(record.set, mask.method, record.frame), mask.data)
         write_bytes(self.path / "times" / file, to_json(outcome.times).encode())
         write_bytes(self.path / "records" / file, to_json(record).encode())
 

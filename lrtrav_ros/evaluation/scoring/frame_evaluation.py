@@ -16,14 +16,16 @@ from numpy.typing import NDArray
 from lrtrav_ros.config import Config
 from lrtrav_ros.evaluation.scoring.ground_distances import GroundDistances
 from lrtrav_ros.evaluation.scoring.methods import Method, MethodDetection, detect_short_range
+from lrtrav_ros.evaluation.scoring.obstacles import StandingObstacles
+from lrtrav_ros.evaluation.scoring.reliability import ConfidenceBin, count_confidence
 from lrtrav_ros.evaluation.scoring.score_records import FrameRecord, FrameTimes, MethodRecord, MethodTimes
-from lrtrav_ros.evaluation.scoring.scores import count_bands, mean_scores, score, spread_of_scores
+from lrtrav_ros.evaluation.scoring.scores import count, count_bands, mean_scores, spread_of_scores, sum_each
 from lrtrav_ros.evaluation.scoring.shared_stages import SharedStages
 from lrtrav_ros.evaluation.truth.labelled_sets import LabelledFrame, LabelledItem
 from lrtrav_ros.evaluation.truth.labels import apply_unknown_rule
 from lrtrav_ros.frame import Frame
 from lrtrav_ros.io.image_files import encode_file
-from lrtrav_ros.method.ground import NO_GROUND
+from lrtrav_ros.method.ground import NO_GROUND, GroundLine
 
 
 @dataclass(frozen=True, slots=True)
@@ -171,12 +173,11 @@ def detect_all(
 def _evaluate(task: FrameTask, labelled: LabelledFrame) -> FrameOutcome:
     frame, name, stages = labelled.frame, task.item.name, SharedStages()
     line = detect_short_range(frame, task.setup.geometry, stages.runner()).line
-    truth = apply_unknown_rule(labelled.truth, task.unknown_rule)
-    distances = None if line is None else GroundDistances(line, frame.camera, truth.shape)
+    truth = _FrameTruth(labelled, task.unknown_rule, line)
     records, times, masks = [], [], []
     for seeded, detections in detect_all(frame, task.setup, stages):
         method = seeded.method.name
-        records.append(_record(method, detections, truth, distances))
+        records.append(_record(method, detections, truth))
         times.append(MethodTimes(method, detections[0].times))
         if task.setup.save_masks:
             masks.append(MaskFile(method, encode_file("mask.png", detections[0].mask)))
@@ -184,26 +185,58 @@ def _evaluate(task: FrameTask, labelled: LabelledFrame) -> FrameOutcome:
     return FrameOutcome(record, FrameTimes(task.set, name, tuple(times)), tuple(masks))
 
 
-def _record(
-    method: str, detections: Sequence[MethodDetection], truth: NDArray[np.uint8], distances: GroundDistances | None
-) -> MethodRecord:
+class _FrameTruth:
+    """What the masks of a frame are compared with: the truth as its pixels count, its obstacles, and distances."""
+
+    def __init__(self, labelled: LabelledFrame, unknown_rule: str, line: GroundLine | None) -> None:
+        self.labels = apply_unknown_rule(labelled.truth, unknown_rule)
+        self.distances = None if line is None else GroundDistances(line, labelled.frame.camera, self.labels.shape)
+        self.obstacles = StandingObstacles(  # of what the truth knows, whatever unknown pixels count as
+            labelled.truth,
+            distance_m=None if self.distances is None else self.distances.distance_m,
+            height_m=labelled.height_m,
+        )
+
+
+def _record(method: str, detections: Sequence[MethodDetection], truth: _FrameTruth) -> MethodRecord:
     """Return the scores of a method's detections, which differ by seed."""
     masks = [detection.mask for detection in detections]
-    scores = [score(mask, truth) for mask in masks]
+    counts = [count(mask, truth.labels) for mask in masks]
+    scores = [item.scores for item in counts]
     record = MethodRecord(
         method,
         mean_scores(scores),
+        functools.reduce(operator.add, counts),
+        truth.obstacles.scores(masks),
         spread_of_scores(scores) if len(scores) > 1 else None,
+        reliability=_reliability(detections, truth.labels),
         problem=NO_GROUND if detections[0].short_range.line is None else "",
         seeds=tuple(scores),
     )
-    if distances is None:
-        return record
+    return record if truth.distances is None else _with_distances(record, detections, truth.labels, truth.distances)
+
+
+def _reliability(detections: Sequence[MethodDetection], truth: NDArray[np.uint8]) -> tuple[ConfidenceBin, ...]:
+    """Return how often detections are right by their confidence; nothing for those without."""
+    return sum_each(
+        count_confidence(detection.long_range.confidence, detection.mask, truth)
+        for detection in detections
+        if detection.long_range is not None and detection.long_range.confidence is not None
+    )
+
+
+def _with_distances(
+    record: MethodRecord,
+    detections: Sequence[MethodDetection],
+    truth: NDArray[np.uint8],
+    distances: GroundDistances,
+) -> MethodRecord:
+    """Return a record with its scores by distance, and how far ahead the masks reach."""
+    masks = [detection.mask for detection in detections]
     bands = [count_bands(mask, truth, distances.distance_m) for mask in masks]
     reach_m = float(np.mean([distances.reach_m(mask, truth) for mask in masks]))
     seen_m = distances.reach_m(detections[0].short_range.mask, truth)
-    summed = tuple(functools.reduce(operator.add, counts) for counts in zip(*bands, strict=True))
-    return dataclasses.replace(record, bands=summed, reach_m=reach_m, gain_m=reach_m - seen_m)
+    return dataclasses.replace(record, bands=sum_each(bands), reach_m=reach_m, gain_m=reach_m - seen_m)
 
 
 @contextmanager

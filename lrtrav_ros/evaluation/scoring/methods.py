@@ -161,7 +161,7 @@ def _learn(frame: Frame, config: Config, run: StageRunner) -> tuple[ShortRange, 
     histograms = run(Stage.FEATURES, _histograms, image, superpixels, config.features.texture)
     is_ground = run(Stage.CLUSTERING, classify_superpixels, histograms, superpixels, short_range.occupancy)
     occupancy = np.where(is_ground, np.uint8(GROUND), np.uint8(OBSTACLE))[superpixels]
-    return short_range, LongRange(occupancy, superpixels, is_ground.astype(np.int32))
+    return short_range, LongRange(occupancy, superpixels, lambda: is_ground.astype(np.int32))
 
 
 def _histograms(image: NDArray[np.uint8], superpixels: NDArray[np.int32], texture: str) -> NDArray[np.float32]:
@@ -202,7 +202,7 @@ METHODS = {
     )
 }
 
-DEFAULT_METHODS = tuple(name for name in METHODS if name != "near_to_far_fused")
+DEFAULT_METHODS = tuple(METHODS)
 
 
 def choose_methods(names: Iterable[str]) -> list[Method]:

@@ -15,6 +15,8 @@ from typing import TYPE_CHECKING, Any, TypeVar, cast, get_args, get_origin, get_
 
 from lrtrav_ros.config import Value
 from lrtrav_ros.detector import StageTimes
+from lrtrav_ros.evaluation.scoring.obstacles import ObstacleScores
+from lrtrav_ros.evaluation.scoring.reliability import ConfidenceBin
 from lrtrav_ros.evaluation.scoring.scores import Counts, Scores
 
 if TYPE_CHECKING:
@@ -31,10 +33,16 @@ class MethodRecord:
         Its name.
     scores : Scores
         Means over the seeds, for a method that is run with several.
+    pixels : Counts
+        Pixel counts that they come from, summed over the seeds.
+    obstacles : ObstacleScores
+        Standing obstacles, and those of them that are missed.
     spread : Scores or None
         Standard deviations over the seeds; None for a method that has one result.
     bands : tuple of Counts
         Pixel counts of each of `scores.DISTANCE_BANDS`; empty where no ground line gives distances.
+    reliability : tuple of ConfidenceBin
+        Pixels in each of `reliability.CONFIDENCE_BINS`, summed over the seeds; empty for a method without confidence.
     reach_m, gain_m : float or None
         How far ahead the mask reaches, and how much farther than the short range of the same preset; None where no
         ground line gives distances.
@@ -46,8 +54,11 @@ class MethodRecord:
 
     method: str
     scores: Scores
+    pixels: Counts
+    obstacles: ObstacleScores
     spread: Scores | None = None
     bands: tuple[Counts, ...] = ()
+    reliability: tuple[ConfidenceBin, ...] = ()
     reach_m: float | None = None
     gain_m: float | None = None
     problem: str = ""
@@ -121,6 +132,15 @@ class TableRow:
         Standard deviations of those means over the seeds; None for a method that has one result.
     bands : tuple of (Scores or None)
         Scores in each of `scores.DISTANCE_BANDS`, all frames' pixels taken together; None for a band without pixels.
+    obstacles : ObstacleScores
+        The standing obstacles of all frames.
+    reliability : tuple of ConfidenceBin
+        The pixels of all frames in each of `reliability.CONFIDENCE_BINS`; empty for a method without confidence.
+    calibration_error : float or None
+        Expected calibration error of the confidence; None for a method without.
+    flicker : float or None
+        Mean share of the pixels whose label changes from a frame to the next, in the order of their names; None where
+        there are no two frames, or masks are not kept. It says something about consecutive frames of one camera only.
     reach_m, gain_m : float or None
         Means over the frames that have them; None where none has.
     gave_up : tuple of str
@@ -135,6 +155,10 @@ class TableRow:
     scores: Scores
     spread: Scores | None
     bands: tuple[Scores | None, ...]
+    obstacles: ObstacleScores
+    reliability: tuple[ConfidenceBin, ...]
+    calibration_error: float | None
+    flicker: float | None
     reach_m: float | None
     gain_m: float | None
     gave_up: tuple[str, ...]

@@ -1,11 +1,16 @@
-"""Precision, recall and RMSE of a traversable mask, all over and by distance; Lu et al., IROS 2015, section V."""
+"""Scores of a traversable mask, all over and by distance.
+
+Precision, recall and RMSE are those of Lu et al., IROS 2015, section V; the rate of false positives stands beside them.
+"""
 
 from __future__ import annotations
 
+import functools
 import math
-from collections.abc import Callable, Sequence
+import operator
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +19,8 @@ from lrtrav_ros.evaluation.truth.labels import IGNORED, TRAVERSABLE
 
 DISTANCE_BANDS: tuple[tuple[float, float], ...] = ((0, 5), (5, 10), (10, 20), (20, 40), (40, math.inf))
 """Nearest (inclusive) and farthest (exclusive) distance on the ground of each band, in metres."""
+
+_Item = TypeVar("_Item")
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,11 +35,14 @@ class Scores:
         Share of what is traversable that was found; 1 where nothing is.
     rmse : float
         Root of the share of pixels that differ.
+    false_positive_rate : float
+        Share of what is not traversable that was found all the same; 0 where everything is traversable.
     """
 
     precision: float
     recall: float
     rmse: float
+    false_positive_rate: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,13 +63,19 @@ class Counts:
     n_hits: int
 
     @property
+    def n_false_positives(self) -> int:
+        """Pixels that the mask has and that are not traversable."""
+        return self.n_found - self.n_hits
+
+    @property
     def scores(self) -> Scores:
         """The scores of these pixels."""
-        n_wrong = self.n_found + self.n_traversable - 2 * self.n_hits
+        n_wrong = self.n_false_positives + self.n_traversable - self.n_hits
         return Scores(
             precision=self.n_hits / self.n_found if self.n_found else 0.0,
             recall=self.n_hits / self.n_traversable if self.n_traversable else 1.0,
             rmse=math.sqrt(n_wrong / max(self.n_pixels, 1)),
+            false_positive_rate=self.n_false_positives / max(self.n_pixels - self.n_traversable, 1),
         )
 
     def __add__(self, other: Counts) -> Counts:
@@ -138,6 +154,17 @@ def score(mask: NDArray[np.uint8], truth: NDArray[np.uint8]) -> Scores:
     return count(mask, truth).scores
 
 
+def sum_each(counts: Iterable[tuple[_Item, ...]]) -> tuple[_Item, ...]:
+    """Return the sums of the first items, of the second, and so on; nothing where there is nothing to add.
+
+    Parameters
+    ----------
+    counts : iterable of tuple
+        All of the same length, or empty, and then left out.
+    """
+    return tuple(functools.reduce(operator.add, items) for items in zip(*filter(None, counts), strict=True))
+
+
 def mean_scores(scores: Sequence[Scores]) -> Scores:
     """Return the means of each score; ValueError where there are none."""
     return _each_score(scores, np.mean)
@@ -155,4 +182,5 @@ def _each_score(scores: Sequence[Scores], statistic: Callable[[list[float]], np.
         precision=float(statistic([item.precision for item in scores])),
         recall=float(statistic([item.recall for item in scores])),
         rmse=float(statistic([item.rmse for item in scores])),
+        false_positive_rate=float(statistic([item.false_positive_rate for item in scores])),
     )

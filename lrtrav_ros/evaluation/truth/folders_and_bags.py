@@ -15,14 +15,17 @@ from lrtrav_ros.evaluation.truth.labels import Labels, decode_truth
 from lrtrav_ros.frame import Frame
 from lrtrav_ros.io.bag_frames import UnusableFrame
 from lrtrav_ros.io.dataset_folder import DatasetFolder, FrameFile
-from lrtrav_ros.io.image_files import read_image
+from lrtrav_ros.io.image_files import read_disparity, read_image
 from lrtrav_ros.io.recording import open_recording
 
-_FOLDERS = ("left", "right", "disparity", "depth", "calib", "gt")
+_FOLDERS = ("left", "right", "disparity", "depth", "calib", "gt", "height")
+_MILLIMETRES = 1000.0
 
 
 class LabelledFolder:
     """A dataset folder with ``gt/NAME.png``; a `LabelledSet`.
+
+    Where it has ``height/NAME.png`` too (16 bit, millimetres above the ground), obstacles are counted by height.
 
     Parameters
     ----------
@@ -59,13 +62,12 @@ class LabelledFolder:
         """Yield the frames of these names."""
         for name in sorted(names):
             file = self._dataset.frame_file(name)
-            yield _FolderFrame(file, file.folder / "gt" / f"{name}.png", self._labels)
+            yield _FolderFrame(file, self._labels)
 
 
 @dataclass(frozen=True, slots=True)
 class _FolderFrame:
     file: FrameFile
-    truth: Path
     labels: Labels
 
     @property
@@ -73,7 +75,12 @@ class _FolderFrame:
         return self.file.name
 
     def read(self) -> LabelledFrame:
-        return LabelledFrame(self.file.read(), read_truth(self.truth, self.labels))
+        truth, height = (self.file.folder / kind / f"{self.name}.png" for kind in ("gt", "height"))
+        return LabelledFrame(
+            self.file.read(),
+            read_truth(truth, self.labels),
+            read_disparity(height, scale=_MILLIMETRES) if height.exists() else None,
+        )
 
 
 class LabelledBag:

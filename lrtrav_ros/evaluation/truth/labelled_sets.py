@@ -23,20 +23,24 @@ class LabelledFrame:
         What the camera saw.
     truth : (H, W) ndarray of uint8
         255 traversable, 0 not, 128 unknown.
+    height_m : (H, W) ndarray of float32, optional
+        Height above the ground of what each pixel shows, in metres; 0 for ground and sky. None where it is not known.
 
     Raises
     ------
     ValueError
-        If the two differ in size.
+        If they differ in size.
     """
 
     frame: Frame
     truth: NDArray[np.uint8]
+    height_m: NDArray[np.float32] | None = None
 
     def __post_init__(self) -> None:
-        if self.truth.shape != self.frame.shape:
-            size, wanted = (f"{shape[1]} x {shape[0]}" for shape in (self.truth.shape, self.frame.shape))
-            raise ValueError(f"the ground truth is {size} pixels, but the frame is {wanted}; give images of one size")
+        for name, image in (("ground truth is", self.truth), ("heights are", self.height_m)):
+            if image is not None and image.shape != self.frame.shape:
+                size, wanted = (f"{shape[1]} x {shape[0]}" for shape in (image.shape, self.frame.shape))
+                raise ValueError(f"the {name} {size} pixels, but the frame is {wanted}; give images of one size")
 
 
 class LabelledItem(Protocol):

@@ -7,6 +7,8 @@ from html.parser import HTMLParser
 
 from lrtrav_ros.detector import StageTimes
 from lrtrav_ros.evaluation.report.html_report import report_html
+from lrtrav_ros.evaluation.scoring.obstacles import ObstacleCounts, ObstacleScores
+from lrtrav_ros.evaluation.scoring.reliability import ConfidenceBin
 from lrtrav_ros.evaluation.scoring.score_records import (
     MEAN,
     FrameRecord,
@@ -18,7 +20,7 @@ from lrtrav_ros.evaluation.scoring.score_records import (
     Summary,
     TableRow,
 )
-from lrtrav_ros.evaluation.scoring.scores import Scores
+from lrtrav_ros.evaluation.scoring.scores import Counts, Scores
 
 METHODS = ("uv_disparity", "robust")
 SETS = ("DS1A", "DS2B")
@@ -61,11 +63,28 @@ class Page(HTMLParser):
 
 
 def scores(i):
-    return Scores(precision=0.9 + i / 1000, recall=0.8 + i / 1000, rmse=0.3 - i / 1000)
+    return Scores(
+        precision=0.9 + i / 1000, recall=0.8 + i / 1000, rmse=0.3 - i / 1000, false_positive_rate=0.04 - i / 1000
+    )
+
+
+def obstacles(i, *, with_height=False):
+    """Seven obstacles, `i` of them missed, all of them low and 5 to 10 m away."""
+    none, all_of_them = ObstacleCounts(), ObstacleCounts(7, i)
+    heights = (all_of_them, none, none, none) if with_height else ()
+    return ObstacleScores(all_of_them, (none, all_of_them, none, none, none), heights)
+
+
+def reliability(share_right):
+    """A hundred pixels of the lowest confidence and two hundred of the highest, of which a share is right."""
+    none = ConfidenceBin(0, 0, 0)
+    low, high = ConfidenceBin(100, 50, 100 * 128), ConfidenceBin(200, round(200 * share_right), 200 * 250)
+    return (low, *(none,) * 8, high)
 
 
 def method_record(name, i, **values):
-    return MethodRecord(name, scores(i), seeds=(scores(i),), **values)
+    record = MethodRecord(name, scores(i), Counts(1000, 500, 500, 480 - i), obstacles(i), seeds=(scores(i),))
+    return dataclasses.replace(record, **values)
 
 
 def table_row(set_name, method, i, **values):
@@ -76,6 +95,10 @@ def table_row(set_name, method, i, **values):
         scores=scores(i),
         spread=None,
         bands=(None, scores(1), scores(2), scores(3), None),
+        obstacles=obstacles(i),
+        reliability=(),
+        calibration_error=None,
+        flicker=None,
         reach_m=12.34,
         gain_m=5.67,
         gave_up=(),

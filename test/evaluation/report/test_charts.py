@@ -37,6 +37,18 @@ def test_axis_of_shares_ends_at_1():
     assert page.text_of("span")[:5] == ["1", "0.95", "0.9", "0.85", "0.8"]
 
 
+def test_axis_of_small_values_ends_close_to_them():
+    page, (line, _) = chart_of([0.0, 0.024])
+    assert line == ["M0.5 100L1.5 20"]
+    assert page.text_of("span")[:4] == ["0.03", "0.02", "0.01", "0"]
+
+
+def test_reference_is_a_line_of_its_own():
+    page, (line, _) = chart_of([0.5, 0.75], top=1.0, reference=[0.5, 1.0])
+    assert line == ["M0.5 100L1.5 50"]
+    assert [path["d"] for path in page.all("path") if path["class"] == "reference"] == ["M0.5 100L1.5 0"]
+
+
 @pytest.mark.parametrize("values", [[], [None], [0.0], [1.0, 1.0]])
 @pytest.mark.parametrize("top", [None, 1.0])
 def test_chart_of_little_is_well_formed(values, top):

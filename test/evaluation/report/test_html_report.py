@@ -9,6 +9,7 @@ import re
 
 import pytest
 from sample_report import (
+    METHODS,
     SETS,
     Page,
     make_records,
@@ -16,12 +17,15 @@ from sample_report import (
     make_summary,
     make_times,
     method_record,
+    obstacles,
+    reliability,
     table_row,
 )
 
-from lrtrav_ros.evaluation.report.gallery import Exhibit, Picture
+from lrtrav_ros.evaluation.report.gallery import CALLED_FREE, Exhibit, Picture
 from lrtrav_ros.evaluation.report.html_report import report_html, write_report
 from lrtrav_ros.evaluation.scoring.score_records import (
+    MEAN,
     FailedFrame,
     FrameRecord,
     PaperScores,
@@ -40,7 +44,17 @@ def exhibit(**values):
 def test_page_is_well_formed_and_has_all_parts():
     page = Page(make_report(exhibits=[exhibit()]))
     parts = [attributes["id"] for attributes in page.all("h2")]
-    assert parts == ["scores", "distance", "frames", "time", "gallery", "configuration"]
+    assert parts == [
+        "scores",
+        "obstacles",
+        "distance",
+        "frames",
+        "confidence",
+        "time",
+        "gallery",
+        "called-free",
+        "configuration",
+    ]
     assert [attributes["href"] for attributes in page.all("a")] == [f"#{part}" for part in parts]
     assert page.all("meta")[1] == {"name": "viewport", "content": "width=device-width, initial-scale=1"}
 
@@ -64,12 +78,59 @@ def test_table_has_all_scores_and_the_best_are_marked():
     assert cells.count("0.9000") == 3  # precision of the first method on two sets, and their mean
     assert cells.count("0.2990") >= 3
     best = [attributes for attributes in page.all("td") if "best" in attributes.get("class", "")]
-    assert len(best) == 9  # three scores of two sets and the mean
+    assert len(best) == 12  # four scores of two sets and the mean
+    assert cells.count("0.0390") == 3 + 2  # the lower rate of false positives; and by distance
     shares = [attributes["style"] for attributes in page.all("td") if "rmse" in attributes.get("class", "")]
     assert shares == ["--share:100%", "--share:99.7%"] * 3
     assert "mean of the sets" in page.text
     assert cells.count("12.3") == 6
     assert cells.count("5.7") == 6
+
+
+def test_missed_obstacles_are_shown_by_distance_and_height():
+    rows = tuple(table_row(MEAN, name, i, obstacles=obstacles(i, with_height=True)) for i, name in enumerate(METHODS))
+    page = Page(make_report(make_summary(means=rows)))
+    text = page.text[page.text.index("Standing obstacles") : page.text.index("Distance on the ground")]
+    assert text.count("1 of 7") == text.count("0 of 7") == 3  # all of them, those at 5-10 m, and those below 0.2 m
+    assert "0-0.2 m high" in page.text_of("th")
+    assert "0 of 7 uv_disparity" in page.text  # the tile
+    assert "0-0.2 m high" not in Page(make_report()).text_of("th")
+
+
+def test_flicker_is_shown_where_it_is_known():
+    assert "flicker" not in Page(make_report()).text_of("th")
+    page = Page(make_report(make_summary(results=(table_row("DS1A", "robust", 1, flicker=0.0234),))))
+    assert "flicker" in page.text_of("th")
+    assert page.text_of("td").count("0.0234") == 1
+
+
+def test_reliability_curve_is_that_of_the_methods_with_a_confidence():
+    assert "No method says how sure it is." in Page(make_report()).text
+    means = (
+        table_row(MEAN, METHODS[0], 0),
+        table_row(MEAN, METHODS[1], 1, reliability=reliability(0.9), calibration_error=0.0555),
+    )
+    report = make_report(make_summary(means=means))
+    page = Page(report[report.index('<section><h2 id="confidence"') : report.index('<section><h2 id="time"')])
+    paths = {path["class"]: path["d"] for path in page.all("path")}
+    assert paths["line dot s1"] == "M0.5 100h0M9.5 20h0"  # 50 % and 90 % are right, from 50 to 100 %
+    assert paths["line s1"].startswith("M0.5 52.38L1.5 100L")  # a third of the pixels, from 0 to 70 %
+    assert paths["reference"].startswith("M0.5 95L1.5 85L")
+    assert "0.0555" in page.text_of("td")
+    assert {"95%\nrobust: 0.9000", "95%\nrobust: 0.6667"} <= set(page.text_of("title"))
+    assert page.text_of("td").count("200") == 1
+    assert "line s0" not in paths
+
+
+def test_frames_with_most_obstacle_pixels_called_free_have_a_section_of_their_own():
+    shown = exhibit(rank=CALLED_FREE, frame="000002")
+    text = make_report(exhibits=[exhibit(), shown])
+    gallery, called_free = text[text.index('id="gallery"') :].split('id="called-free"')
+    assert "000001" in gallery
+    assert "000002" not in gallery
+    assert "DS1A/000002" in called_free
+    assert "missed 5 of 7 obstacles" in called_free
+    assert "No method calls anything free that is not traversable." in Page(make_report(exhibits=[exhibit()])).text
 
 
 def test_single_set_has_no_means_of_sets():
@@ -86,7 +147,7 @@ def test_rows_of_the_paper_stand_beside_the_results():
 
 
 def test_spread_over_seeds_is_shown():
-    spread = table_row("DS1A", "robust", 1, spread=Scores(0.001, 0.002, 0.0034))
+    spread = table_row("DS1A", "robust", 1, spread=Scores(0.001, 0.002, 0.0034, 0.0005))
     page = Page(make_report(make_summary(results=(spread,), seeds=(0, 1, 2))))
     assert "± RMSE" in page.text_of("th")
     assert "0.0034" in page.text_of("td")
@@ -111,7 +172,7 @@ def test_frames_with_problems_are_named():
 def test_curves_have_a_line_for_each_method_and_name_every_frame():
     page = Page(make_report())
     lines = [attributes for attributes in page.all("path") if attributes["class"].startswith("line")]
-    assert len(lines) == 3 * 2 * (1 + len(SETS))  # three scores, two methods; by distance, and of each set
+    assert len(lines) == 4 * 2 * (1 + len(SETS))  # four scores, two methods; by distance, and of each set
     titles = page.text_of("title")
     assert sum("000001\nuv_disparity: 0.9010\nrobust: 0.9020" in title for title in titles) == len(SETS)
     boxes = page.all("input")
@@ -127,7 +188,7 @@ def test_frame_that_could_not_be_used_is_a_gap():
     records[1] = FrameRecord("DS1A", "000001", (), error="no image")
     page = Page(make_report(make_summary(sets=("DS1A",)), records))
     dots = [attributes["d"] for attributes in page.all("path") if attributes["class"] == "line dot s0"]
-    assert [path.count("M") for path in dots] == [2, 2, 2]
+    assert [path.count("M") for path in dots] == [2, 2, 2, 2]
     assert dots[0].startswith("M0.5 ")
     assert "M2.5 " in dots[0]
 
@@ -191,13 +252,13 @@ def test_any_number_of_methods(n_methods):
     methods = tuple(f"method {i}" for i in range(n_methods))
     page = Page(make_report(make_summary(methods), make_records(methods)))
     assert [box["id"] for box in page.all("input")] == [f"m{i}" for i in range(n_methods)]
-    assert page.text_of("style")[0].count("stroke-dasharray") == max(n_methods - 8, 0)
+    assert page.text_of("style")[0].count("stroke-dasharray: 5 3") == max(n_methods - 8, 0)
 
 
 def test_nothing_found_is_a_page_too():
     summary = make_summary(results=(), means=())
     page = Page(report_html(summary, [], []))
-    assert len(page.all("h2")) == 6
+    assert len(page.all("h2")) == 9
 
 
 def test_report_is_written_as_utf8(tmp_path):

@@ -74,7 +74,16 @@ def test_random_centres_get_seeds_one_after_the_other():
 
 def test_methods_are_chosen_by_name():
     assert [method.name for method in choose_methods(["robust", "proposed"])] == ["robust", "proposed"]
-    assert len(DEFAULT_METHODS) == 7
+    assert [method.name for method in choose_methods(DEFAULT_METHODS)] == [
+        "uv_disparity",
+        "proposed",
+        "colour_only",
+        "texture_only",
+        "random_centres",
+        "robust",
+        "near_to_far",
+        "near_to_far_fused",
+    ]
     with pytest.raises(ValueError, match="no method 'best'; choose one of uv_disparity, proposed"):
         choose_methods(["best"])
     with pytest.raises(ValueError, match="'robust' is named twice"):

@@ -3,6 +3,8 @@
 import pytest
 
 from lrtrav_ros.detector import StageTimes
+from lrtrav_ros.evaluation.scoring.obstacles import ObstacleCounts, ObstacleScores
+from lrtrav_ros.evaluation.scoring.reliability import ConfidenceBin
 from lrtrav_ros.evaluation.scoring.score_records import (
     FrameRecord,
     FrameTimes,
@@ -21,16 +23,18 @@ from lrtrav_ros.evaluation.scoring.scores import (
 def test_records_are_the_same_after_json():
     scored = MethodRecord(
         "proposed",
-        Scores(0.1, 0.2, 0.3),
-        spread=Scores(0.0, 0.0, 0.01),
+        Scores(0.1, 0.2, 0.3, 0.4),
+        Counts(10, 5, 4, 3),
+        ObstacleScores(ObstacleCounts(3, 1.5), (ObstacleCounts(3, 1.5),)),
+        spread=Scores(0.0, 0.0, 0.01, 0.0),
         bands=(Counts(1, 2, 3, 4), Counts(0, 0, 0, 0)),
         reach_m=12.5,
         problem="no ground line found",
-        seeds=(Scores(0.1, 0.2, 0.3),),
+        reliability=(ConfidenceBin(3, 2, 700),),
+        seeds=(Scores(0.1, 0.2, 0.3, 0.4),),
     )
-    record = FrameRecord(
-        "DS1A", "frame ü", (scored, MethodRecord("robust", Scores(1.0, 1.0, 0.0))), files_digest="12ab"
-    )
+    other = MethodRecord("robust", Scores(1.0, 1.0, 0.0, 0.0), Counts(10, 5, 5, 5), ObstacleScores())
+    record = FrameRecord("DS1A", "frame ü", (scored, other), files_digest="12ab")
     times = FrameTimes("DS1A", "frame ü", (MethodTimes("proposed", StageTimes(matching_ms=1.25)),))
     assert from_json(FrameRecord, to_json(record)) == record
     assert from_json(FrameTimes, to_json(times)) == times

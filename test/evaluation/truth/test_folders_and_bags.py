@@ -24,6 +24,24 @@ def test_dataset_folder_gives_its_frames_with_truth(tmp_path):
     assert {file.parent.name for file in opened.files(FRAME.name)} == {"left", "right", "gt", "set"}
 
 
+def test_heights_are_read_where_there_are_any(tmp_path):
+    folder = write_dataset(tmp_path / "set", frames(n=2), truth=True)
+    height_mm = np.zeros((HEIGHT, WIDTH), np.uint16)
+    height_mm[30:40, 50:60] = 1250
+    write_image(folder / "height" / f"{FRAME.name}.png", height_mm)
+    opened = open_set(folder, ReaderOptions())
+    first, second = (item.read() for item in opened.items(opened.names))
+    assert np.unique(first.height_m).tolist() == [0.0, 1.25]
+    assert first.height_m[30, 50] == 1.25
+    assert second.height_m is None
+    assert folder / "height" / f"{FRAME.name}.png" in opened.files(FRAME.name)
+    write_image(folder / "height" / f"{FRAME.name}.png", height_mm.T.copy())
+    with pytest.raises(
+        ValueError, match=f"the heights are {HEIGHT} x {WIDTH} pixels, but the frame is {WIDTH} x {HEIGHT}"
+    ):
+        next(opened.items([FRAME.name])).read()
+
+
 def test_truth_without_its_image_fails_alone(tmp_path):
     folder = write_dataset(tmp_path / "set", frames(), truth=True)
     (folder / "left" / f"{FRAME.name}.png").unlink()
