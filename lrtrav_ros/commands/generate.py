@@ -1,6 +1,7 @@
 """Renders synthetic stereo sequences with exact disparity and ground truth.
 
-DIR becomes a dataset folder: left/, right/, disparity/ (exact, of the left image), gt/ and calib.json.
+DIR becomes a dataset folder: left/, right/, disparity/ (exact, of the left image), gt/, height/ (over the ground, in
+millimetres) and calib.json.
 """
 
 from __future__ import annotations
@@ -98,7 +99,7 @@ def _written(folder: Path, scene: SceneConfig) -> Iterator[Frame]:
     from lrtrav_ros.synthetic.rendering import render_sequence
 
     for item in tqdm(render_sequence(scene), desc=folder.name, total=scene.n_frames, unit="frame", disable=None):
-        write_frame(folder, item.frame, truth=item.truth, disparity=item.disparity)
+        write_frame(folder, item.frame, truth=item.truth, disparity=item.disparity, height_m=item.height_m)
         yield item.frame
 
 

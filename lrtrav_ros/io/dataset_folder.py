@@ -3,7 +3,8 @@
 A folder holds ``left/NAME.{png,jpg,jpeg}`` and one or more of ``right/NAME.*``, ``disparity/NAME.png`` (16 bit,
 disparity x 256, 0 for none) and ``depth/NAME.png`` (16 bit: metres x ``depth_scale`` where the calibration has one,
 else millimetres; 0 for none); ``calib.json`` or ``calib/NAME.json`` with fx, fy, cx, cy, baseline_m, width, height; and
-optionally ``gt/NAME.png`` (255 traversable, 0 not traversable, 128 ignored).
+optionally ``gt/NAME.png`` (255 traversable, 0 not traversable, 128 ignored) and ``height/NAME.png`` (16 bit,
+millimetres above the ground of what a pixel shows; 0 for ground and sky).
 """
 
 from __future__ import annotations
@@ -176,10 +177,12 @@ def write_frame(
     *,
     truth: NDArray[np.uint8] | None = None,
     disparity: NDArray[np.float32] | None = None,
+    height_m: NDArray[np.float32] | None = None,
 ) -> None:
     """Write the images of a frame into a dataset folder, as PNG.
 
-    Disparity and depth are rounded to 1/256 pixel and metre; `write_calibration` says so to readers.
+    Disparity and depth are rounded to 1/256 pixel and metre; `write_calibration` says so to readers. Heights are
+    rounded to millimetres.
 
     Parameters
     ----------
@@ -191,6 +194,8 @@ def write_frame(
         Ground truth: 255 traversable, 0 not, 128 ignored.
     disparity : (H, W) ndarray of float32, optional
         Known disparity in pixels, beside what the frame holds.
+    height_m : (H, W) ndarray of float32, optional
+        Known height over the ground in metres, at least 0; what exceeds 65.535 m is written as that.
     """
     folder, file = Path(folder), f"{frame.name}.png"
     disparity = frame.disparity if disparity is None else disparity
@@ -200,6 +205,9 @@ def write_frame(
     for name, values in (("disparity", disparity), ("depth", frame.depth_m)):
         if values is not None:
             write_disparity(folder / name / file, values)
+    if height_m is not None:
+        millimetres = np.clip(np.rint(height_m * _MILLIMETRES), 0, 65535).astype(np.uint16)
+        write_image(folder / "height" / file, millimetres)
 
 
 def write_calibration(folder: str | os.PathLike[str], camera: StereoCamera, width: int, height: int) -> None:

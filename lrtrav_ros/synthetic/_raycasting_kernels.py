@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 from lrtrav_ros.numerics.kernels import inlined_kernel, kernel
 
 if TYPE_CHECKING:
-    from lrtrav_ros.synthetic.raycasting import Bins, Scene, View
+    from lrtrav_ros.synthetic.raycasting import Bins, RenderedView, Scene, View
 
 BOX, CYLINDER, ELLIPSOID = 0, 1, 2
-SKY, GROUND, SOLID = 0, 1, 2
+SKY, GROUND, SOLID, PIT = 0, 1, 2, 3
 
 NOISE_PERIOD = 256
 TILE_PX = 16
@@ -174,6 +174,62 @@ def _ball(a: float, b: float, c: float) -> Span:
 
 
 @kernel
+def _pit_at(pits: NDArray[np.float64], x: float, y: float) -> int:
+    """Index of the pit that a place lies in; -1 for none."""
+    for k in range(pits.shape[0]):
+        a, b = x - pits[k, 0], y - pits[k, 1]
+        if abs(pits[k, 4] * a + pits[k, 5] * b) < pits[k, 2] and abs(pits[k, 4] * b - pits[k, 5] * a) < pits[k, 3]:
+            return k
+    return -1
+
+
+@kernel
+def _way_out(pit: NDArray[np.float64], point: Vector, ray: Vector) -> float:
+    """Depth at which a ray that is over a pit, or in it, leaves its rectangle."""
+    a, b = point[0] - pit[0], point[1] - pit[1]
+    _, along = _slab((pit[4] * a + pit[5] * b) / pit[2], (pit[4] * ray[0] + pit[5] * ray[1]) / pit[2])
+    _, across = _slab((pit[4] * b - pit[5] * a) / pit[3], (pit[4] * ray[1] - pit[5] * ray[0]) / pit[3])
+    return min(along, across)
+
+
+@kernel
+def _into_pits(
+    pits: NDArray[np.float64],
+    waves: NDArray[np.float64],
+    bound: float,
+    steepness: float,
+    origin: Vector,
+    ray: Vector,
+    t: float,
+) -> tuple[float, int, bool]:
+    """Follow a ray, which meets the level ground at depth `t`, into pits: true depth, pit or -1, whether its wall."""
+    for _ in range(64):
+        pit = _pit_at(pits, origin[0] + t * ray[0], origin[1] + t * ray[1]) if t < math.inf else -1
+        if pit < 0:
+            break
+        out = _way_out(pits[pit], origin, ray)
+        bottom = _ground_depth(waves, bound, steepness, (origin[0], origin[1], origin[2] + pits[pit, 6]), ray, t)
+        if bottom <= out:
+            return bottom, pit, False
+        if _clearance(waves, origin, ray, out) <= 0:
+            return out, pit, True
+        # It grazed a dip of the ground's level and is above it again.
+        t = _ground_depth(waves, bound, steepness, origin, ray, out)
+    return t, -1, False
+
+
+@kernel
+def _in_pit(pits: NDArray[np.float64], waves: NDArray[np.float64], point: Vector, sun: Vector) -> tuple[bool, float]:
+    """Return whether the rim of the pit that a point is in hides the sun, and the share of the sky that it leaves."""
+    pit = _pit_at(pits, point[0], point[1])
+    below = -_clearance(waves, point, sun, 0.0)
+    if pit < 0 or below <= 0:
+        return False, 1.0
+    half = min(pits[pit, 2], pits[pit, 3])
+    return _clearance(waves, point, sun, _way_out(pits[pit], point, sun)) < 0, half / (half + below)
+
+
+@kernel
 def _local(solid: NDArray[np.float64], x: float, y: float, z: float) -> Vector:
     """A vector in the axes of a solid, where it is of unit size."""
     return (
@@ -250,9 +306,58 @@ def _in_shadow(scene: Scene, point: Vector) -> bool:
     return False
 
 
+@kernel
+def _crown_density(table: NDArray[np.float32], x: float, y: float) -> float:
+    """Density of the leaves of crowns over a place, 0 to 1."""
+    return 0.7 * _noise2(table, x / 5.0 + 11.0, y / 5.0 + 43.0) + 0.3 * _noise2(table, x / 2.0 + 5.0, y / 2.0 + 61.0)
+
+
+@kernel
+def crown_densities(table: NDArray[np.float32], places: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Density of the leaves of crowns over places (x, y)."""
+    densities = np.empty(places.shape[0])
+    for k in range(places.shape[0]):
+        densities[k] = _crown_density(table, places[k, 0], places[k, 1])
+    return densities
+
+
+@kernel
+def _gap(table: NDArray[np.float32], x: float, y: float, cover: float, across: float, along: float) -> float:
+    """Share of a pixel of `across` x `along` metres that the sun reaches between leaves; `cover` is their density."""
+    total, blurred, wavelength, weight = 0.0, 0.03, 0.5, 0.5
+    for _ in range(3):
+        resolved = _clipped(2.0 * wavelength / across - 1.0, 0.0, 1.0) * min(1.0, math.sqrt(2.0 * wavelength / along))
+        total += weight * resolved * (_noise2(table, x / wavelength + 19.0, y / wavelength + 7.0) - 0.5)
+        # What a pixel cannot resolve turns sharp blotches into their mean.
+        blurred += 0.5 * weight * (1.0 - resolved)
+        # The turn between octaves hides the grid.
+        x, y = 0.8 * x - 0.6 * y, 0.6 * x + 0.8 * y
+        wavelength, weight = 0.5 * wavelength, 0.7 * weight
+    return _clipped(0.5 + (total - cover) / blurred, 0.0, 1.0)
+
+
+@kernel
+def _through_crowns(
+    table: NDArray[np.float32],
+    canopy: NDArray[np.float64],
+    sun: Vector,
+    point: Vector,
+    across: float,
+    along: float,
+) -> tuple[float, float]:
+    """Shares of the sun's and of the sky's light that come through the crowns to a pixel's point."""
+    rise = (canopy[0] - point[2]) / sun[2]
+    x, y = point[0] + rise * sun[0], point[1] + rise * sun[1]
+    excess = _crown_density(table, x, y) - canopy[1]
+    if excess <= 0.0:
+        return 1.0, 1.0
+    gap = _gap(table, x, y, min(1.2 * excess - 0.12, 0.22), across, along)
+    return gap, 1.0 - (1.0 - canopy[2]) * min(10.0 * excess, 1.0)
+
+
 @inlined_kernel
-def _lit(scene: Scene, colour: Vector, point: Vector, normal: Vector) -> Vector:
-    """A surface's colour in the light of sun and sky."""
+def _lit(scene: Scene, colour: Vector, point: Vector, normal: Vector, across: float, along: float) -> Vector:
+    """A surface's colour in the light of sun and sky, in a pixel of `across` x `along` metres."""
     facing = normal[0] * scene.sun[0] + normal[1] * scene.sun[1] + normal[2] * scene.sun[2]
     above = (
         point[0] + 2e-3 * normal[0],
@@ -261,6 +366,13 @@ def _lit(scene: Scene, colour: Vector, point: Vector, normal: Vector) -> Vector:
     )
     sun = facing if facing > 0 and not _in_shadow(scene, above) else 0.0
     sky = 0.6 + 0.4 * normal[2]
+    if scene.canopy[0] > 0:
+        direction = (scene.sun[0], scene.sun[1], scene.sun[2])
+        through = _through_crowns(scene.noise, scene.canopy, direction, point, across, along)
+        sun, sky = sun * through[0], sky * through[1]
+    if scene.pits.shape[0] > 0:
+        hidden, share = _in_pit(scene.pits, scene.waves, above, (scene.sun[0], scene.sun[1], scene.sun[2]))
+        sun, sky = 0.0 if hidden else sun, sky * share
     return (
         colour[0] * (sun * scene.light[0, 0] + sky * scene.light[1, 0]),
         colour[1] * (sun * scene.light[0, 1] + sky * scene.light[1, 1]),
@@ -288,17 +400,20 @@ def _ground_material(scene: Scene, x: float, y: float, across: float, along: flo
 
 
 @inlined_kernel
-def _ground_colour(scene: Scene, point: Vector, t: float, focal: float) -> Vector:
-    """Colour of the ground in its light, seen from depth `t` over a camera's height of about a metre."""
+def _ground_colour(scene: Scene, given: int, point: Vector, t: float, focal: float) -> Vector:
+    """Colour of the ground in its light, seen from depth `t` over about a metre; `given` is its material or -1."""
     across = t / focal
     along = max(across, t * across)
     x, y = point[0], point[1]
-    material = scene.materials[_ground_material(scene, x, y, across, along)]
+    if given < 0:
+        given = _ground_material(scene, x, y, across, along)
+    material = scene.materials[given]
     amount = _fractal(scene.noise, x, y, material[6], across, along)
     amount += 0.5 * (_noise2(scene.noise, x / 6.1 + 3.0, y / 6.1 + 87.0) - 0.5)
     _, along_x, along_y = _relief(scene.waves, x, y)
     length = math.sqrt(1 + along_x * along_x + along_y * along_y)
-    return _lit(scene, _tinted(material, amount), point, (-along_x / length, -along_y / length, 1 / length))
+    normal = (-along_x / length, -along_y / length, 1 / length)
+    return _lit(scene, _tinted(material, amount), point, normal, across, along)
 
 
 @kernel
@@ -349,7 +464,26 @@ def _solid_colour(scene: Scene, index: int, point: Vector, ray: Vector, t: float
     amount = _fractal(scene.noise, around + shift, up, material[6], across, across)
     colour = _tinted(material, amount)
     joint = _joint(material, normal, point)
-    return _lit(scene, (colour[0] * joint, colour[1] * joint, colour[2] * joint), point, normal)
+    return _lit(scene, (colour[0] * joint, colour[1] * joint, colour[2] * joint), point, normal, across, across)
+
+
+@inlined_kernel
+def _wall_colour(scene: Scene, pit: int, point: Vector, ray: Vector, t: float, focal: float) -> Vector:
+    """Colour of a pit's wall in its light, seen from depth `t`."""
+    cos, sin = scene.pits[pit, 4], scene.pits[pit, 5]
+    x, y = point[0] - scene.pits[pit, 0], point[1] - scene.pits[pit, 1]
+    a, b = cos * x + sin * y, cos * y - sin * x
+    if abs(a) / scene.pits[pit, 2] > abs(b) / scene.pits[pit, 3]:
+        a, b = -math.copysign(1.0, a), 0.0
+    else:
+        a, b = 0.0, -math.copysign(1.0, b)
+    normal = (cos * a - sin * b, sin * a + cos * b, 0.0)
+    material = scene.materials[int(scene.pits[pit, 7])]
+    across = t / focal
+    around = point[1] * normal[0] - point[0] * normal[1]
+    colour = _tinted(material, _fractal(scene.noise, around + 23.0, point[2], material[6], across, across))
+    joint = _joint(material, normal, point)
+    return _lit(scene, (colour[0] * joint, colour[1] * joint, colour[2] * joint), point, normal, across, across)
 
 
 @kernel
@@ -377,16 +511,15 @@ def _sky_colour(scene: Scene, ray: Vector, focal: float) -> Vector:
 
 
 @kernel
-def cast_columns(
-    scene: Scene,
-    view: View,
-    tiles: Bins,
-    first: int,
-    last: int,
-    colour: NDArray[np.float32],
-    depth_m: NDArray[np.float64],
-    surface: NDArray[np.uint8],
-) -> None:
+def _height(pits: NDArray[np.float64], waves: NDArray[np.float64], origin: Vector, ray: Vector, t: float) -> float:
+    """Height of a ray's point over the ground or the bottom of the pit below it, at least 0."""
+    pit = _pit_at(pits, origin[0] + t * ray[0], origin[1] + t * ray[1])
+    height = _clearance(waves, origin, ray, t)
+    return max(height + pits[pit, 6] if pit >= 0 else height, 0.0)
+
+
+@kernel
+def cast_columns(scene: Scene, view: View, tiles: Bins, first: int, last: int, picture: RenderedView) -> None:
     """Fill the columns first .. last - 1 of a picture."""
     bound, steepness = 0.0, 0.0
     for k in range(scene.waves.shape[0]):
@@ -394,6 +527,7 @@ def cast_columns(
         steepness += abs(scene.waves[k, 3]) * math.hypot(scene.waves[k, 0], scene.waves[k, 1])
     origin = (view.origin[0], view.origin[1], view.origin[2])
     turn, focal = view.rotation, view.focal_px
+    colour, depth_m, surface, height_m = picture
     for u in range(first, last):
         start = NEAR_M
         for v in range(view.height - 1, -1, -1):
@@ -408,16 +542,29 @@ def cast_columns(
                 # The ground recedes from row to row, so the next search need not begin at the camera.
                 start = 0.99 * t
             tile = (v // TILE_PX) * tiles.columns + u // TILE_PX
+            t, pit, wall = _into_pits(scene.pits, scene.waves, bound, steepness, origin, ray, t)
             solid_t, index = _first_solid(scene, tiles, tile, origin, ray, 1 / focal)
-            colour[v, u, 0], colour[v, u, 1], colour[v, u, 2] = _seen(scene, origin, ray, t, solid_t, index, focal)
+            colour[v, u, 0], colour[v, u, 1], colour[v, u, 2] = _seen(
+                scene, origin, ray, t, pit, wall, solid_t, index, focal
+            )
             nearest = min(t, solid_t)
-            surface[v, u] = SKY if nearest == math.inf else (GROUND if t <= solid_t else SOLID)
+            ground = GROUND if pit < 0 else PIT
+            surface[v, u] = SKY if nearest == math.inf else (ground if t <= solid_t else SOLID)
             depth_m[v, u] = 0.0 if nearest == math.inf else nearest
+            height_m[v, u] = _height(scene.pits, scene.waves, origin, ray, solid_t) if solid_t < t else 0.0
 
 
 @inlined_kernel
 def _seen(
-    scene: Scene, origin: Vector, ray: Vector, ground_t: float, solid_t: float, index: int, focal: float
+    scene: Scene,
+    origin: Vector,
+    ray: Vector,
+    ground_t: float,
+    pit: int,
+    wall: bool,
+    solid_t: float,
+    index: int,
+    focal: float,
 ) -> Vector:
     """Colour that a ray brings to the camera."""
     t = min(ground_t, solid_t)
@@ -425,7 +572,10 @@ def _seen(
         return _sky_colour(scene, ray, focal)
     point = (origin[0] + t * ray[0], origin[1] + t * ray[1], origin[2] + t * ray[2])
     if ground_t <= solid_t:
-        colour = _ground_colour(scene, point, t, focal)
+        if wall:
+            colour = _wall_colour(scene, pit, point, ray, t, focal)
+        else:
+            colour = _ground_colour(scene, int(scene.pits[pit, 8]) if pit >= 0 else -1, point, t, focal)
     else:
         colour = _solid_colour(scene, index, point, ray, t, focal)
     return _mixed(colour, scene.sky[3], 1 - math.exp(-t / scene.weather[2]))

@@ -1,7 +1,7 @@
 """The landscapes of synthetic scenes: asphalt, dirt or gravel between grass and soil, and what stands beside the path.
 
 Trees, bushes, rocks, boxes and walls, with sharp shadows, near and far; woods and clouds at the horizon. A seed decides
-what stands where, its colours and the light.
+what stands where, its colours and the light; settings change the light and add drops and small things.
 """
 
 from __future__ import annotations
@@ -13,11 +13,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from lrtrav_ros.synthetic import raycasting
+from lrtrav_ros.synthetic import drops, raycasting
 from lrtrav_ros.synthetic.raycasting import BOX, CYLINDER, ELLIPSOID, Scene
 from lrtrav_ros.synthetic.scene_config import STYLES, SceneConfig
 
 _AHEAD_M = 170.0
+_SUN = np.array([1.15, 1.38, 1.52])
+_SKY = np.array([0.34, 0.28, 0.23])
+_CROWNS_M = 8.0
+_SKY_THROUGH_CROWNS = 0.5
 
 
 class _Material(enum.Enum):
@@ -91,6 +95,11 @@ _ROAD = _Style(
     half_width_m=2.6, strip_m=-1.0, patches=0.40, ragged_m=0.12, woods=0.06,
     things=((_Thing.TREE, 4), (_Thing.BUSH, 4), (_Thing.BOX, 4), (_Thing.WALL, 3), (_Thing.POST, 3), (_Thing.HOUSE, 2)),
 )  # fmt: skip
+_PITS = drops.PitMaterials(
+    soil=3 + list(_Material).index(_Material.SOIL),
+    masonry=3 + list(_Material).index(_Material.STONE),
+    ballast=3 + list(_Material).index(_Material.GRAVEL),
+)
 _LANDSCAPES = (_FOREST, _FIELD, _PARK, _ROAD)
 
 
@@ -102,25 +111,54 @@ def make_scene(config: SceneConfig) -> Scene:
     waves, path = _waves(config, rng), _path(rng)
     half_width = style.half_width_m * rng.uniform(0.85, 1.2)
     tones = np.clip(rng.normal(1.0, 0.08, (3 + len(_Material), 1)) * rng.normal(1.0, 0.05, (1, 3)), 0.7, 1.3)
-    azimuth, elevation = rng.uniform(0, 2 * math.pi), math.radians(rng.uniform(28, 55))
+    azimuth, usual = rng.uniform(0, 2 * math.pi), math.radians(rng.uniform(28, 55))
+    elevation = math.radians(max(config.sun_elevation_deg, 1.0)) if config.sun_elevation_deg else usual
     clouds, haze = rng.uniform(0.2, 0.75), rng.uniform(400, 1200)
+    clouds += (1 - config.sun_hardness) * (0.95 - clouds)
+    noise = rng.random((256, 256), np.float32)
+    things = _things(config, style, half_width, waves, path, rng) + _small_things(config, half_width, waves, path)
+    pits = drops.make_pits(config, path, half_width, _PITS)
     scene = Scene(
-        noise=rng.random((256, 256), np.float32),
+        noise=noise,
         waves=waves,
         path=path,
         layout=np.array([half_width, style.strip_m, style.patches, style.ragged_m]),
-        solids=_solids(config, style, half_width, waves, path, rng),
+        solids=drops.settled(things, pits),
         materials=_materials(style, tones),
         sun=np.array(
             [math.cos(elevation) * math.sin(azimuth), math.cos(elevation) * math.cos(azimuth), math.sin(elevation)]
         ),
-        light=np.array([[1.15, 1.38, 1.52], [0.34, 0.28, 0.23]]),
+        light=_light(config.sun_hardness, elevation, usual),
         sky=np.array([[0.80, 0.72, 0.64], [0.60, 0.30, 0.13], [0.085, 0.105, 0.065], [0.30, 0.29, 0.24]]),
         weather=np.array([clouds, style.woods * rng.uniform(0.7, 1.5), haze]),
         shadows=np.zeros(4),
         bins=raycasting.Bins(np.zeros(2, np.int32), np.zeros(0, np.int32), 1, 1),
+        canopy=np.zeros(3),
+        pits=pits,
     )
+    scene = _under_crowns(scene, config) if config.dapple else scene
     return raycasting.with_shadows(scene) if config.shadows else scene
+
+
+def _light(hardness: float, elevation: float, usual: float) -> NDArray[np.float64]:
+    """Return the light of sun and sky; level ground in the sun is as bright as at the `usual` elevation."""
+    level = _SUN * math.sin(elevation)
+    exposure = (_SUN * math.sin(usual) + _SKY) / (level + _SKY)
+    return np.stack((hardness * _SUN, _SKY + (1 - hardness) * level)) * exposure
+
+
+def _under_crowns(scene: Scene, config: SceneConfig) -> Scene:
+    """Return the scene with crowns over a share of the way, and of what lies to 8 m beside it."""
+    ahead = np.arange(0.0, _travel_m(config) + 40.0, 0.5)
+    middle = np.array([raycasting.path_middle(scene.path, y) for y in ahead])
+    aside = np.arange(-8.0, 8.5, 0.5)
+    places = np.stack((np.add.outer(middle, aside).ravel(), np.repeat(ahead, len(aside))), axis=1)
+    return raycasting.with_canopy(scene, places, config.dapple, height_m=_CROWNS_M, sky_share=_SKY_THROUGH_CROWNS)
+
+
+def _travel_m(config: SceneConfig) -> float:
+    """Return how far the camera drives."""
+    return config.n_frames * config.speed_m_s / config.rate_hz
 
 
 def _waves(config: SceneConfig, rng: np.random.Generator) -> NDArray[np.float64]:
@@ -164,19 +202,19 @@ class _Place:
     yaw: float
 
 
-def _solids(
+def _things(
     config: SceneConfig,
     style: _Style,
     half_width: float,
     waves: NDArray[np.float64],
     path: NDArray[np.float64],
     rng: np.random.Generator,
-) -> NDArray[np.float64]:
-    """Return the solids of all things: they stand beside the path, and far ahead some stand on it."""
-    travel = config.n_frames * config.speed_m_s / config.rate_hz
+) -> list[NDArray[np.float64]]:
+    """Return the solids of each thing: they stand beside the path, and far ahead some stand on it."""
+    travel = _travel_m(config)
     kinds = [kind for kind, number in style.things for _ in range(number)]
     taken: list[tuple[float, float]] = []
-    rows: list[list[float]] = []
+    things: list[NDArray[np.float64]] = []
     for index in range(config.n_obstacles):
         kind = kinds[int(rng.integers(len(kinds)))]
         on_path = index % 24 == 5
@@ -191,8 +229,34 @@ def _solids(
         taken.append((x, y))
         slope = raycasting.path_middle(path, y + 0.5) - raycasting.path_middle(path, y - 0.5)
         place = _Place(x, y, raycasting.ground_height(waves, x, y), math.atan(slope))
-        rows += _thing(_Thing.BOX if on_path else kind, place, rng)
-    return np.array(rows, np.float64).reshape(-1, 10)
+        things.append(np.array(_thing(_Thing.BOX if on_path else kind, place, rng), np.float64))
+    return things
+
+
+def _small_things(
+    config: SceneConfig, half_width: float, waves: NDArray[np.float64], path: NDArray[np.float64]
+) -> list[NDArray[np.float64]]:
+    """Return bricks and bottles, spread over the path so that each frame has some 2 to 5 m ahead."""
+    rng = np.random.default_rng((config.seed, 4))
+    things: list[NDArray[np.float64]] = []
+    for index in range(config.n_small_things):
+        y = 2.0 + (_travel_m(config) + 3.0) * (index + rng.random()) / config.n_small_things
+        x = raycasting.path_middle(path, y) + half_width * rng.uniform(-0.8, 0.8)
+        place = _Place(x, y, raycasting.ground_height(waves, x, y), 0.0)
+        things.append(np.array([(_brick, _bottle)[int(rng.integers(2))](place, rng)]))
+    return things
+
+
+def _brick(place: _Place, rng: np.random.Generator) -> list[float]:
+    """A brick of 0.1 x 0.1 x 0.2 m, upright or lying."""
+    half = ((0.05, 0.05, 0.1), (0.1, 0.05, 0.05))[int(rng.integers(2))]
+    return _solid(BOX, place, (0, 0, half[2] - 0.01), half, _Material.BRICK, rng.uniform(0, math.pi))
+
+
+def _bottle(place: _Place, rng: np.random.Generator) -> list[float]:
+    """A bottle."""
+    radius, height = rng.uniform(0.035, 0.05), rng.uniform(0.2, 0.3)
+    return _solid(CYLINDER, place, (0, 0, height / 2 - 0.01), (radius, radius, height / 2), _Material.PAINT)
 
 
 def _room_m(kind: _Thing) -> float:

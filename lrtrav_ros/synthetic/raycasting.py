@@ -2,7 +2,8 @@
 
 The world is right-handed: x to the right, y ahead, z up, in metres. The ground is a height field of a few waves; solids
 are boxes, upright cylinders and ellipsoids. Textures are noise anchored in the world, so that every camera sees the
-same surface; octaves that a pixel cannot resolve fade out. Colours are linear, in the order blue, green, red.
+same surface; octaves that a pixel cannot resolve fade out. Colours are linear, in the order blue, green, red. Pits are
+rectangles of the ground that lie lower: a ray that meets the ground there goes on to their bottom or their walls.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from lrtrav_ros.synthetic import _raycasting_kernels as kernels
 BOX, CYLINDER, ELLIPSOID = kernels.BOX, kernels.CYLINDER, kernels.ELLIPSOID
 """Kinds of solids."""
 
-SKY, GROUND, SOLID = kernels.SKY, kernels.GROUND, kernels.SOLID
+SKY, GROUND, SOLID, PIT = kernels.SKY, kernels.GROUND, kernels.SOLID, kernels.PIT
 """Kinds of surfaces."""
 
 _CORNERS = np.array([(i, j, k) for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)], np.float64)
@@ -77,6 +78,12 @@ class Scene(NamedTuple):
         Origin (x, y) of the grid of shadows in the plane z = 0; slopes of sun rays, dx/dz and dy/dz.
     bins : Bins
         Solids by the cell of the plane z = 0 that their shadows may touch.
+    canopy : (3,) ndarray of float64
+        Crowns that shade the scene and are not seen: their height [m; 0 for none], density of the leaves at which they
+        begin (0 to 1), share of the sky's light that comes through them.
+    pits : (n, 9) ndarray of float64
+        Rectangles in which the ground lies lower, with upright walls; they do not overlap. Middle (x, y), half sizes
+        [m], cosine and sine of the yaw, depth [m], materials of the walls and of the bottom (below 0: as the ground).
     """
 
     noise: NDArray[np.float32]
@@ -91,6 +98,8 @@ class Scene(NamedTuple):
     weather: NDArray[np.float64]
     shadows: NDArray[np.float64]
     bins: Bins
+    canopy: NDArray[np.float64]
+    pits: NDArray[np.float64]
 
 
 class View(NamedTuple):
@@ -129,12 +138,15 @@ class RenderedView(NamedTuple):
     depth_m : (H, W) ndarray of float64
         Depth in metres; 0 for the sky.
     surface : (H, W) ndarray of uint8
-        `SKY`, `GROUND` or `SOLID`.
+        `SKY`, `GROUND`, `SOLID`, or `PIT` for the walls and bottoms of pits.
+    height_m : (H, W) ndarray of float32
+        Height of solids over the ground or the pit's bottom below, in metres; 0 for ground, pits and sky.
     """
 
     colour: NDArray[np.float32]
     depth_m: NDArray[np.float64]
     surface: NDArray[np.uint8]
+    height_m: NDArray[np.float32]
 
 
 def cast(scene: Scene, view: View, executor: Executor, n_parts: int) -> tuple[RenderedView, list[Future[None]]]:
@@ -170,11 +182,12 @@ def cast(scene: Scene, view: View, executor: Executor, n_parts: int) -> tuple[Re
     check_count("n_parts", n_parts)
     size = (view.height, view.width)
     colour, depth_m = np.empty((*size, 3), np.float32), np.empty(size, np.float64)
-    surface = np.empty(size, np.uint8)
+    surface, height_m = np.empty(size, np.uint8), np.empty(size, np.float32)
+    picture = RenderedView(colour, depth_m, surface, height_m)
     tiles = _tiles(scene.solids, view)
     edges = [view.width * part // n_parts for part in range(n_parts + 1)]
-    return RenderedView(colour, depth_m, surface), [
-        executor.submit(kernels.cast_columns, scene, view, tiles, first, last, colour, depth_m, surface)
+    return picture, [
+        executor.submit(kernels.cast_columns, scene, view, tiles, first, last, picture)
         for first, last in itertools.pairwise(edges)
     ]
 
@@ -195,8 +208,7 @@ def with_shadows(scene: Scene) -> Scene:
         If one has another type or shape or holds a value that is not finite, or the sun is not above the horizon.
     """
     _check_arrays(scene)
-    if scene.sun[2] <= 0:
-        raise ValueError(f"sun is {scene.sun.tolist()}; give a vector that points up, with the last number above 0")
+    _check_sun(scene.sun)
     slopes = scene.sun[:2] / scene.sun[2]
     corners = _corners(scene.solids)
     touched = corners[..., :2] - corners[..., 2:] * slopes
@@ -206,6 +218,41 @@ def with_shadows(scene: Scene) -> Scene:
     bounds = np.stack((touched.min(axis=1) - origin, touched.max(axis=1) - origin), axis=1) / kernels.SHADOW_CELL_M
     columns, rows = (int(n) + 1 for n in bounds.max(axis=(0, 1)))
     return scene._replace(shadows=np.array([*origin, *slopes]), bins=_binned(bounds, rows, columns))
+
+
+def with_canopy(scene: Scene, places: NDArray[np.float64], share: float, *, height_m: float, sky_share: float) -> Scene:
+    """Return a scene under crowns that are not seen themselves, with the leaves' dappled shade.
+
+    Parameters
+    ----------
+    scene : Scene
+        The world; its `canopy` does not matter.
+    places : (n, 2) ndarray of float64
+        Places on the ground (x, y) [m].
+    share : float
+        How many of the places the crowns shade, 0 to 1.
+    height_m : float
+        How high the crowns are, above 0.
+    sky_share : float
+        Share of the sky's light that comes through them, 0 to 1.
+
+    Raises
+    ------
+    TypeError
+        If an array is none.
+    ValueError
+        If one has another type or shape or holds a value that is not finite, `share` is out of range, or the sun is
+        not above the horizon.
+    """
+    _check_arrays(scene)
+    _check_sun(scene.sun)
+    check_array("places", places, np.float64, ("n", 2))
+    check_finite("places", places)
+    if not 0 <= share <= 1:
+        raise ValueError(f"share is {share}; give 0 to 1")
+    above = places + height_m * scene.sun[:2] / scene.sun[2]
+    level = np.quantile(kernels.crown_densities(scene.noise, above), 1 - share)
+    return scene._replace(canopy=np.array([height_m, level, sky_share]))
 
 
 def ground_height(waves: NDArray[np.float64], x: float, y: float) -> float:
@@ -264,6 +311,8 @@ def _check_arrays(scene: Scene) -> None:
         ("sky", scene.sky, (4, 3)),
         ("weather", scene.weather, (3,)),
         ("shadows", scene.shadows, (4,)),
+        ("canopy", scene.canopy, (3,)),
+        ("pits", scene.pits, ("n", 9)),
     ]
     for name, array, shape in shapes:
         check_array(f"scene.{name}", array, np.float64, shape, may_be_empty=True)
@@ -272,6 +321,15 @@ def _check_arrays(scene: Scene) -> None:
         raise ValueError(f"scene has {len(scene.materials)} materials; the ground alone needs {_N_GROUND_MATERIALS}")
     if len(scene.solids):
         check_labels("scene.solids[:, 9]", scene.solids[:, 9], len(scene.materials))
+    if len(scene.pits):
+        check_labels("scene.pits[:, 7]", scene.pits[:, 7], len(scene.materials))
+        check_labels("scene.pits[:, 8]", np.maximum(scene.pits[:, 8], 0), len(scene.materials))
+
+
+def _check_sun(sun: NDArray[np.float64]) -> None:
+    """Raise ValueError where the sun is not above the horizon."""
+    if sun[2] <= 0:
+        raise ValueError(f"sun is {sun.tolist()}; give a vector that points up, with the last number above 0")
 
 
 def _check_view(view: View) -> None:

@@ -36,12 +36,17 @@ class SyntheticFrame:
     disparity : (H, W) ndarray of float32
         Exact disparity at the pixels' centres; 0 for the sky.
     truth : (H, W) ndarray of uint8
-        255 traversable: ground; 0 not: obstacles and sky; 128 ignored: the pixels on either side of a boundary.
+        255 traversable: ground; 0 not: obstacles, the sky, and all that lies below a drop: walls and bottom of a
+        ditch, and the lower ground beyond a step or a platform's edge, which cannot be reached from here; 128 ignored:
+        the pixels on either side of a boundary.
+    height_m : (H, W) ndarray of float32
+        Height of what a pixel shows over the ground below it, in metres; 0 for ground, sky and what lies below a drop.
     """
 
     frame: Frame
     disparity: NDArray[np.float32]
     truth: NDArray[np.uint8]
+    height_m: NDArray[np.float32]
 
 
 def render_sequence(config: SceneConfig, *, n_threads: int = 2) -> Iterator[SyntheticFrame]:
@@ -87,15 +92,16 @@ def _render(
         for future in futures:
             future.result()
     pictures = [picture for picture, _ in started]
-    gains = (1.0, 1.0 + config.exposure_difference)
     left, right = (
-        _sensed(picture.colour, gain, config.noise, np.random.default_rng((config.seed, index, side)))
-        for side, (picture, gain) in enumerate(zip(pictures, gains, strict=True))
+        _sensed(picture.colour, config, side, np.random.default_rng((config.seed, index, side)))
+        for side, picture in enumerate(pictures)
     )
     stamp_ns = _START_NS + round(index * 1e9 / config.rate_hz)
     frame = Frame(name=str(stamp_ns), left=left, right=right, camera=config.camera, stamp_ns=stamp_ns)
     disparity = config.camera.disparity(pictures[0].depth_m.astype(np.float32))
-    return SyntheticFrame(frame=frame, disparity=disparity, truth=_truth(pictures[0].surface))
+    return SyntheticFrame(
+        frame=frame, disparity=disparity, truth=_truth(pictures[0].surface), height_m=pictures[0].height_m
+    )
 
 
 def _truth(surface: NDArray[np.uint8]) -> NDArray[np.uint8]:
@@ -105,11 +111,12 @@ def _truth(surface: NDArray[np.uint8]) -> NDArray[np.uint8]:
     return np.where(boundary > 0, 128, ground * 255).astype(np.uint8)
 
 
-def _sensed(colour: NDArray[np.float32], gain: float, noise: float, rng: np.random.Generator) -> NDArray[np.uint8]:
+def _sensed(colour: NDArray[np.float32], config: SceneConfig, side: int, rng: np.random.Generator) -> NDArray[np.uint8]:
     """Return a sensor's 8-bit image: the lens blurs, noise has a part that grows with the signal as shot noise does."""
-    blurred = cv2.GaussianBlur(colour, (0, 0), _BLUR_PX)
-    level = (255 * gain) * np.clip(blurred, 0, 1) ** np.float32(1 / _GAMMA)
-    spread = noise * np.sqrt(0.3 + 0.7 / 128 * level)
+    gain = 1.0 + side * config.exposure_difference
+    exposed = cv2.GaussianBlur(colour, (0, 0), _BLUR_PX) * np.float32(2**config.exposure)
+    level = (255 * gain) * np.clip(exposed, 0, 1) ** np.float32(1 / _GAMMA)
+    spread = config.noise * np.sqrt(0.3 + 0.7 / 128 * level)
     level += spread * rng.standard_normal(level.shape, np.float32)
     return np.clip(np.rint(level), 0, 255).astype(np.uint8)
 

@@ -98,7 +98,51 @@ class SceneConfig(CheckedConfig):
     n_obstacles: int = setting(
         100, "trees, bushes, rocks, boxes and walls", minimum=0, maximum=5000, option="--obstacles"
     )
+    drops: str = setting(
+        "none",
+        "negative obstacles: ditches across and along the way, or an edge beyond which all ground lies lower by 0.2 to "
+        "0.6 m (step) or 1 to 1.5 m (platform)",
+        choices=("none", "ditch", "step", "platform"),
+        option="--drops",
+    )
+    n_small_things: int = setting(
+        0,
+        "bricks and bottles that stand on the path from 2 m ahead on",
+        minimum=0,
+        maximum=1000,
+        option="--small-things",
+    )
     shadows: bool = setting(True, "let the obstacles cast shadows")
+    sun_elevation_deg: float = setting(
+        0.0,
+        "elevation of the sun; 0: the seed chooses 28 to 55; below 1 counts as 1; lower it for long shadows",
+        minimum=0.0,
+        maximum=90.0,
+        unit="deg",
+        option="--sun-elevation",
+    )
+    sun_hardness: float = setting(
+        1.0,
+        "share of the sunlight that comes straight from the sun; the sky scatters the rest; 0 for an overcast sky",
+        minimum=0.0,
+        maximum=1.0,
+        option="--sun-hardness",
+    )
+    dapple: float = setting(
+        0.0,
+        "share of the way and its surroundings in the dappled shade of crowns above the image",
+        minimum=0.0,
+        maximum=1.0,
+        option="--dapple",
+    )
+    exposure: float = setting(
+        0.0,
+        "overexposure, negative for underexposure; from about 1 bright ground clips to white",
+        minimum=-4.0,
+        maximum=4.0,
+        unit="stops",
+        option="--exposure",
+    )
     noise: float = setting(
         2.0,
         "standard deviation of the images' noise at medium brightness; it grows with brightness",

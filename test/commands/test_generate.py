@@ -9,7 +9,7 @@ import pytest
 from lrtrav_ros.commands import generate, run
 from lrtrav_ros.config import settings_of
 from lrtrav_ros.io.bag_frames import StereoBag
-from lrtrav_ros.io.dataset_folder import DatasetFolder
+from lrtrav_ros.io.dataset_folder import DatasetFolder, write_frame
 from lrtrav_ros.io.image_files import read_image
 from lrtrav_ros.synthetic.rendering import render_sequence
 from lrtrav_ros.synthetic.scene_config import SceneConfig
@@ -37,6 +37,19 @@ def test_command_writes_a_dataset_folder_and_a_bag(tmp_path, capsys, bag, name):
         np.testing.assert_array_equal(read_image(folder / "gt" / f"{item.frame.name}.png"), item.truth)
         exact = disparities.frame(item.frame.name).disparity
         np.testing.assert_allclose(exact, item.disparity, atol=0.5 / 256)
+        heights = read_image(folder / "height" / f"{item.frame.name}.png")
+        assert heights.dtype == np.uint16
+        np.testing.assert_allclose(heights / 1000, item.height_m, atol=0.0005)
+        assert heights.max() > 500
+
+
+def test_heights_beyond_16_bits_are_the_highest_value(tmp_path):
+    item = next(iter(render_sequence(SceneConfig(width=64, height=48, n_frames=1))))
+    height_m = np.linspace(0, 100, 48 * 64, dtype=np.float32).reshape(48, 64)
+    write_frame(tmp_path, item.frame, height_m=height_m)
+    written = read_image(tmp_path / "height" / f"{item.frame.name}.png")
+    assert written[height_m > 65.535].min() == 65535
+    np.testing.assert_allclose(written[height_m < 65], 1000 * height_m[height_m < 65], atol=0.51)
 
 
 def test_command_writes_several_sequences(tmp_path):
@@ -65,6 +78,8 @@ def test_command_refuses_a_folder_with_files(tmp_path, capsys):
         ["--frames", "many"],
         ["--noise", "-1"],
         ["--sequences", "0"],
+        ["--drops", "hole"],
+        ["--dapple", "2"],
     ],
 )
 def test_command_refuses_wrong_usage(tmp_path, capsys, arguments):
@@ -96,12 +111,14 @@ def test_options_make_the_scene():
     text = (
         "DIR --frames 2 --seed 3 --style park --rate 4 --speed 5 --hfov 60 --baseline 0.7 --camera-height 0.8"
         " --pitch -9 --roll -1.5 --sway 1e-1 --undulation 0 --obstacles 13 --noise 0.5 --exposure-difference -0.1"
+        " --drops step --small-things 3 --sun-elevation 15 --sun-hardness 0.3 --dapple 0.6 --exposure 1.2"
         " --no-shadows --size 64x48"
     )
     assert generate._scene(parser().parse_args(text.split())) == SceneConfig(
         n_frames=2, seed=3, style="park", rate_hz=4.0, speed_m_s=5.0, hfov_deg=60.0, baseline_m=0.7,
         camera_height_m=0.8, pitch_deg=-9.0, roll_deg=-1.5, sway_deg=0.1, undulation_m=0.0, n_obstacles=13, noise=0.5,
-        exposure_difference=-0.1, shadows=False, width=64, height=48,
+        exposure_difference=-0.1, drops="step", n_small_things=3, sun_elevation_deg=15.0, sun_hardness=0.3, dapple=0.6,
+        exposure=1.2, shadows=False, width=64, height=48,
     )  # fmt: skip
 
 

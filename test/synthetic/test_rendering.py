@@ -140,6 +140,123 @@ def test_shadows_only_darken():
     assert 0.005 < (with_shadows < without - 20).mean() < 0.5
 
 
+@pytest.mark.parametrize(
+    "light",
+    [
+        {"sun_hardness": 0.0},
+        {"sun_hardness": 0.5},
+        {"sun_elevation_deg": 12.0},
+        {"dapple": 0.6},
+        {"exposure": 1.5},
+        {"sun_elevation_deg": 90.0, "dapple": 1.0},
+    ],
+)
+def test_light_changes_the_image_and_nothing_that_is_true(light):
+    lit, plain = first_frame(dataclasses.replace(SMALL, **light)), first_frame(SMALL)
+    for name in ("disparity", "truth", "height_m"):
+        np.testing.assert_array_equal(getattr(lit, name), getattr(plain, name))
+    assert (lit.frame.left != plain.frame.left).mean() > 0.2
+
+
+def test_flat_light_casts_no_shadows():
+    config = dataclasses.replace(SMALL, noise=0.0, sun_hardness=0.0)
+    with_shadows, without = (first_frame(dataclasses.replace(config, shadows=s)).frame.left for s in (True, False))
+    np.testing.assert_array_equal(with_shadows, without)
+    ground = first_frame(SMALL).truth == 255
+    sunny = first_frame(dataclasses.replace(SMALL, noise=0.0, shadows=False)).frame.left
+    assert np.median(with_shadows[ground]) == pytest.approx(np.median(sunny[ground]), abs=3)
+
+
+def test_a_lower_sun_casts_longer_shadows():
+    def shaded(elevation):
+        config = dataclasses.replace(SMALL, style="road", noise=0.0, sun_elevation_deg=elevation)
+        with_shadows, without = (
+            first_frame(dataclasses.replace(config, shadows=s)).frame.left.astype(int) for s in (True, False)
+        )
+        return (with_shadows < without - 10)[first_frame(config).truth == 255].mean()
+
+    assert shaded(12.0) > 1.5 * shaded(55.0) > 0
+
+
+def test_dapple_is_dark_for_metres_with_sharp_edges():
+    config = dataclasses.replace(SMALL, seed=31, style="road", width=320, height=240, noise=0.0, shadows=False)
+    plain, dappled = (first_frame(dataclasses.replace(config, dapple=d)) for d in (0.0, 0.6))
+    ground = (plain.truth == 255) & (plain.disparity > 3)
+    share = dappled.frame.left.astype(float).mean(axis=2) / plain.frame.left.astype(float).mean(axis=2)
+    dark, sunny = share[ground] < 0.7, share[ground] > 0.95
+    assert 0.15 < dark.mean() < 0.85
+    assert sunny.mean() > 0.1
+    assert dark.mean() + sunny.mean() > 0.85  # little between: edges are sharp
+
+
+def test_overexposure_doubles_the_light_with_each_stop_and_clips():
+    plain, over = (
+        first_frame(dataclasses.replace(SMALL, seed=31, style="park", noise=0.0, exposure=e)) for e in (0.0, 1.0)
+    )
+    ground = plain.truth == 255
+    before, after = plain.frame.left[ground].astype(float), over.frame.left[ground].astype(float)
+    medium = (before > 60) & (before < 150)
+    assert np.median(after[medium] / before[medium]) == pytest.approx(2 ** (1 / 2.2), abs=0.02)
+    white = first_frame(dataclasses.replace(SMALL, seed=31, style="park", noise=0.0, exposure=1.5)).frame.left
+    assert (white[ground] == 255).any(axis=1).mean() > 0.3
+    assert not (plain.frame.left[ground] == 255).any()
+
+
+def test_heights_are_those_of_what_stands_on_the_ground():
+    item = first_frame(LEVEL)
+    expected = plane_disparity(LEVEL)
+    assert item.height_m.dtype == np.float32
+    assert not item.height_m[(item.truth == 255) | (item.disparity == 0)].any()
+    # Over flat ground, a point's height is the camera's height less what its ray has fallen at its depth.
+    solid = (item.truth == 0) & (item.disparity > 0)
+    depth_m = SMALL.camera.fx * SMALL.baseline_m / item.disparity[solid]
+    camera, pitch = LEVEL.camera, math.radians(LEVEL.pitch_deg)
+    v = np.mgrid[0:120, 0:160][0][solid]
+    height = LEVEL.camera_height_m - depth_m * ((v - camera.cy) / camera.fx * math.cos(pitch) + math.sin(pitch))
+    np.testing.assert_allclose(item.height_m[solid], height, atol=1e-3)
+    assert item.height_m.max() > 2
+    assert (expected[solid] < item.disparity[solid] + 1e-3).all()
+
+
+@pytest.mark.parametrize(("drops", "share"), [("ditch", 0.005), ("step", 0.02), ("platform", 0.02)])
+def test_what_lies_below_a_drop_is_not_traversable(drops, share):
+    config = dataclasses.replace(LEVEL, n_obstacles=0, width=320, height=240, drops=drops)
+    item, plain = first_frame(config), plane_disparity(config)
+    lower = (plain > item.disparity + 1e-3) & (plain > 0)
+    assert lower.mean() > share
+    assert not (item.truth[lower] == 255).any()
+    level = (plain > 0) & ~lower
+    assert not (item.truth[level] == 0).any()
+    assert not item.height_m.any()
+    boundary = cv2.morphologyEx(level.astype(np.uint8), cv2.MORPH_GRADIENT, np.ones((3, 3), np.uint8)) > 0
+    assert ((item.truth == 128) == boundary).mean() > 0.9998
+
+
+@pytest.mark.parametrize("drops", ["ditch", "step", "platform"])
+def test_images_agree_with_the_disparity_of_drops(drops):
+    config = SceneConfig(
+        seed=2, width=320, height=240, n_frames=1, noise=0.0, exposure_difference=0.0, drops=drops, n_obstacles=0
+    )
+    item = first_frame(config)
+    v, u = np.mgrid[0:240, 0:320].astype(np.float32)
+    chosen = (item.truth == 0) & (item.disparity > 1) & (u > 20)
+    assert chosen.sum() > 300
+
+    def error(shift):
+        warped = cv2.remap(item.frame.right, u - item.disparity - np.float32(shift), v, cv2.INTER_CUBIC)
+        return np.abs(warped.astype(float) - item.frame.left)[chosen].mean()
+
+    assert error(0) < min(error(-1), error(1), 6)
+
+
+def test_small_things_are_obstacles_of_their_height():
+    config = dataclasses.replace(LEVEL, style="road", n_obstacles=0, n_small_things=8, width=320, height=240)
+    item = first_frame(config)
+    things = (item.truth == 0) & (item.disparity > 0)
+    assert 0.001 < things.mean() < 0.05
+    assert 0.1 < item.height_m.max() < 0.3
+
+
 def test_threads_must_be_positive():
     with pytest.raises(ValueError, match="n_threads is 0"):
         next(iter(render_sequence(SMALL, n_threads=0)))

@@ -24,6 +24,12 @@ def test_field_of_view_gives_the_focal_length():
         ("noise", float("nan"), "0 to 50 grey levels"),
         ("undulation_m", True, "float: 0 to 2 m"),
         ("seed", -1, "0 to 9223372036854775807"),
+        ("drops", "hole", "one of none, ditch, step, platform"),
+        ("n_small_things", -1, "0 to 1000"),
+        ("sun_elevation_deg", 91.0, "0 to 90 deg"),
+        ("sun_hardness", 1.1, "0 to 1"),
+        ("dapple", -0.1, "0 to 1"),
+        ("exposure", 5.0, "-4 to 4 stops"),
     ],
 )
 def test_bad_settings_are_refused_by_name_and_value(field, value, remedy):
