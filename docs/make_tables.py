@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from lrtrav_ros.config import PRESETS, Config, parameters
+from lrtrav_ros.config import NODE_DEFAULTS, PRESETS, Config, find_parameter, parameters
 from lrtrav_ros.io.parameter_file import dump_parameters
 
 ROOT = Path(__file__).parents[1]
@@ -35,15 +35,26 @@ def parameter_table() -> str:
         other = "" if paper[item.name] == item.default else f"`{paper[item.name]}`"
         mark = " †" if item.read_only else ""
         text = item.description.replace("|", "\\|")
-        lines.append(f"| `{item.name}`{mark} | `{item.default}` | {other} | {item.range_text} | {text} |")
+        in_nodes = f", in nodes `{NODE_DEFAULTS[item.name]}`" if item.name in NODE_DEFAULTS else ""
+        lines.append(f"| `{item.name}`{mark} | `{item.default}`{in_nodes} | {other} | {item.range_text} | {text} |")
     return "\n".join(lines) + "\n"
+
+
+def preset_file(preset: str) -> str:
+    """Return config/PRESET.yaml, for nodes and commands: what they have other defaults for stays as it is in each."""
+    text = f"{HEADS[preset]}\n{dump_parameters(Config.preset(preset))}"
+    for name, in_nodes in NODE_DEFAULTS.items():
+        default = find_parameter(name).default
+        comment = f"# {name}: {default} in commands and {in_nodes} in nodes, unless it is set here"
+        text = text.replace(f"{name}: {default}", comment)
+    return text
 
 
 def main() -> int:
     """Write the files, or compare them; return the exit status."""
     texts = {ROOT / "docs" / "parameters.md": parameter_table()}
     for preset in PRESETS:
-        texts[ROOT / "config" / f"{preset}.yaml"] = f"{HEADS[preset]}\n{dump_parameters(Config.preset(preset))}"
+        texts[ROOT / "config" / f"{preset}.yaml"] = preset_file(preset)
     if "--check" in sys.argv:
         stale = [path.name for path, text in texts.items() if path.read_text(encoding="utf-8") != text]
         print(f"stale: {stale}; run make tables" if stale else "up to date")

@@ -23,8 +23,11 @@ PRESETS = ("robust", "paper")
 SHORT_RANGE_STAGES = ("threads", "source", "stereo", "elas", "ground")
 """The stages whose parameters the node ``short_range`` has."""
 
-LONG_RANGE_STAGES = ("source", "superpixels", "features", "clustering", "extension")
+LONG_RANGE_STAGES = ("source", "superpixels", "features", "clustering", "extension", "memory")
 """The stages whose parameters the node ``long_range`` has."""
+
+NODE_DEFAULTS: Mapping[str, Value] = {"memory.frames": 5}
+"""Defaults of the nodes where they are others: nodes see one frame after the other."""
 
 # Every node of this package has these besides its stages.
 _GENERAL = ("preset", "use_sim_time", "start_type_description_service")
@@ -442,22 +445,37 @@ class GroundConfig(CheckedConfig):
         unit="px",
     )
     max_step_m: float = setting(
-        0.13,
+        0.08,
         "largest step up or down that still counts as ground; set it to what the robot can climb",
         minimum=0.0,
         maximum=2.0,
         unit="m",
     )
     min_obstacle_m: float = setting(
-        0.3,
-        "anything at least this high above the ground is an obstacle; 0: only the u-disparity's obstacles; "
-        "lower it for robots that must avoid low things",
+        0.35,
+        "anything at least this high above the ground is an obstacle, and lower things where they stand upright; "
+        "0: only the u-disparity's obstacles; lower it for robots that must avoid low things",
+        minimum=0.0,
+        maximum=5.0,
+        unit="m",
+    )
+    contact_margin: float = setting(
+        0.03,
+        "what stands upright is an obstacle down to where the ground is nearer by less than this share; raise it where "
+        "obstacles swallow the ground before them, lower it where feet are called ground; 1 marks no feet",
+        minimum=0.0,
+        maximum=1.0,
+    )
+    min_drop_m: float = setting(
+        0.2,
+        "anything at least this far below the ground is an obstacle: ditches, steps down, edges; 0 for none; "
+        "raise it on rough slopes",
         minimum=0.0,
         maximum=5.0,
         unit="m",
     )
     max_hole_px: int = setting(
-        31,
+        15,
         "holes in the ground without disparity are filled up to this size; 0 for none; raise it for sparse disparity",
         minimum=0,
         maximum=501,
@@ -472,7 +490,7 @@ class SuperpixelsConfig(CheckedConfig):
     prefix = "superpixels."
 
     n_superpixels: int = setting(
-        200,
+        500,
         "superpixels that are asked for; raise it for narrow paths and thin obstacles, at the price of time",
         minimum=1,
         maximum=20000,
@@ -551,17 +569,41 @@ class ExtensionConfig(CheckedConfig):
     prefix = "extension."
 
     rule: str = setting(
-        "evidence",
+        "propagation",
         "area: the paper's, by a cluster's share of short-range ground; "
-        "evidence: by connected regions, with obstacles as evidence against; a region without any is as its cluster",
-        choices=("area", "evidence"),
+        "evidence: by connected regions, with obstacles as evidence against; a region without any is as its cluster; "
+        "propagation: superpixels vote by how alike they look, and votes settle over their neighbourhood",
+        choices=("area", "evidence", "propagation"),
     )
     min_share: float = setting(
         0.5,
-        "a cluster or region with more than this share of ground is traversable; "
+        "a cluster, region or superpixel with more than this share of ground is traversable; "
         "raise it to claim less ground, lower it to see farther",
         minimum=0.0,
         maximum=1.0,
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class MemoryConfig(CheckedConfig):
+    """Evidence of the frames before, for the rule ``propagation``."""
+
+    prefix = "memory."
+
+    frames: int = setting(
+        0,
+        "how many frames before lend their evidence, by appearance; 0 for none; nodes remember 5 unless told "
+        "otherwise; raise it where the mask flickers, lower it where light changes fast",
+        minimum=0,
+        maximum=100,
+    )
+    max_gap_s: float = setting(
+        2.0,
+        "a longer gap between two frames, and any jump back in time, forgets what is remembered; "
+        "raise it for cameras with few frames a second",
+        minimum=0.0,
+        maximum=3600.0,
+        unit="s",
     )
 
 
@@ -592,6 +634,7 @@ class Config(CheckedConfig):
     features: FeaturesConfig = field(default_factory=FeaturesConfig)
     clustering: ClusteringConfig = field(default_factory=ClusteringConfig)
     extension: ExtensionConfig = field(default_factory=ExtensionConfig)
+    memory: MemoryConfig = field(default_factory=MemoryConfig)
 
     @classmethod
     def preset(cls, name: str) -> Config:
@@ -644,8 +687,12 @@ class Config(CheckedConfig):
 _PAPER: dict[str, Value] = {
     "ground.shape": "line",
     "ground.noise_px": 1.0,
+    "ground.max_step_m": 0.13,
     "ground.min_obstacle_m": 0.0,
+    "ground.contact_margin": 1.0,
+    "ground.min_drop_m": 0.0,
     "ground.max_hole_px": 0,
+    "superpixels.n_superpixels": 200,
     "clustering.k": 0,
     "extension.rule": "area",
 }

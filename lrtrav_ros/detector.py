@@ -7,6 +7,7 @@ import enum
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property, partial
 from typing import ParamSpec, TypeVar
 
 import numpy as np
@@ -17,9 +18,11 @@ from lrtrav_ros.config import Config, GroundConfig
 from lrtrav_ros.frame import Frame, Image, as_8bit
 from lrtrav_ros.method.clustering import spectral_clusters
 from lrtrav_ros.method.extension import extend
-from lrtrav_ros.method.features import superpixel_distances
+from lrtrav_ros.method.features import Features, feature_distances, superpixel_features
 from lrtrav_ros.method.ground import ShortRange, detect_ground, traversable_mask
 from lrtrav_ros.method.matching import Matcher, create_matcher
+from lrtrav_ros.method.memory import Memory
+from lrtrav_ros.method.propagation import propagate
 from lrtrav_ros.method.superpixels import preemptive_slic
 from lrtrav_ros.numerics.checks import check_array
 
@@ -69,9 +72,11 @@ class StageRunner:
         return StageTimes(**{f"{stage.value}_ms": time_ms for stage, time_ms in self._times_ms.items()})
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class LongRange:
     """The traversable region to the horizon, in an image of (H, W) pixels.
+
+    The clusters are found when they are first asked for, where the region was found without them.
 
     Attributes
     ----------
@@ -79,13 +84,22 @@ class LongRange:
         0 free, 100 occupied, 255 unknown.
     superpixels : (H, W) ndarray of int32
         Labels 0 .. n - 1.
-    superpixel_clusters : (n,) ndarray of int32
-        The cluster of each superpixel.
+    find_clusters : callable
+        Returns the cluster of each superpixel, (n,) ndarray of int32.
+    confidence : (H, W) ndarray of uint8 or None
+        Probability that the mask's label of each pixel is right, times 255; 0 where nothing tells. None where the
+        method does not say.
     """
 
     occupancy: NDArray[np.uint8]
     superpixels: NDArray[np.int32]
-    superpixel_clusters: NDArray[np.int32]
+    find_clusters: Callable[[], NDArray[np.int32]]
+    confidence: NDArray[np.uint8] | None = None
+
+    @cached_property
+    def superpixel_clusters(self) -> NDArray[np.int32]:
+        """The cluster of each superpixel, int32 (n,)."""
+        return self.find_clusters()
 
     @property
     def mask(self) -> NDArray[np.uint8]:
@@ -207,18 +221,30 @@ def within_reach(disparity: NDArray[np.float32], camera: StereoCamera, limit_m: 
 
 
 class LongRangeDetector:
-    """Extends short-range ground to the horizon: clusters superpixels, and judges each cluster by the ground in it.
+    """Extends short-range ground to the horizon, over superpixels of the left image.
+
+    With ``memory.frames`` it remembers the frames before: give it those of one camera, in their order.
 
     Parameters
     ----------
     config : Config
-        Only `superpixels`, `features`, `clustering` and `extension` are used.
+        Only `superpixels`, `features`, `clustering`, `extension` and `memory` are used.
+    memory : Memory, optional
+        What is remembered, to be shared by detectors of other settings; its own where none is given.
     """
 
-    def __init__(self, config: Config) -> None:
+    def __init__(self, config: Config, *, memory: Memory | None = None) -> None:
         self.config = config
+        self.memory = Memory(config.memory) if memory is None else memory  # an empty one has length 0
 
-    def detect(self, image: Image, occupancy: NDArray[np.uint8], run: StageRunner | None = None) -> LongRange:
+    def detect(
+        self,
+        image: Image,
+        occupancy: NDArray[np.uint8],
+        run: StageRunner | None = None,
+        *,
+        stamp_ns: int | None = None,
+    ) -> LongRange:
         """Detect the traversable region to the horizon.
 
         Parameters
@@ -229,6 +255,8 @@ class LongRangeDetector:
             Short range: 0 ground, 100 obstacle, 255 unknown.
         run : StageRunner, optional
             Times the stages.
+        stamp_ns : int, optional
+            The image's time in nanoseconds: a jump in it makes the memory forget.
 
         Returns
         -------
@@ -243,14 +271,45 @@ class LongRangeDetector:
         run, config, image = run or StageRunner(), self.config, as_8bit(image)
         check_array("occupancy", occupancy, np.uint8, image.shape[:2])
         superpixels = run(Stage.SUPERPIXELS, preemptive_slic, image, config.superpixels)
-        distances = run(Stage.FEATURES, superpixel_distances, image, superpixels, config.features)
+        features = run(Stage.FEATURES, superpixel_features, image, superpixels, config.features)
+        if config.extension.rule == "propagation":
+            return self._propagate(occupancy, superpixels, features, stamp_ns, run)
+        distances = run(Stage.FEATURES, feature_distances, features, config.features)
         clusters = run(Stage.CLUSTERING, spectral_clusters, distances, config.clustering)
         extended = run(Stage.EXTENSION, extend, occupancy, superpixels, clusters, config.extension)
-        return LongRange(extended, superpixels, clusters)
+        return LongRange(extended, superpixels, lambda: clusters)
+
+    def _propagate(
+        self,
+        occupancy: NDArray[np.uint8],
+        superpixels: NDArray[np.int32],
+        features: Features,
+        stamp_ns: int | None,
+        run: StageRunner,
+    ) -> LongRange:
+        """Extend short-range ground by propagation, with what the memory holds."""
+        config, n = self.config, len(features)
+        self.memory.at(stamp_ns)
+        known, remembered = self.memory.recall(features)
+        distances = run(Stage.FEATURES, feature_distances, known, config.features)
+        found = run(
+            Stage.EXTENSION,
+            propagate,
+            occupancy,
+            superpixels,
+            distances,
+            known.chromaticity,
+            remembered=remembered,
+            before=self.memory.belief,
+            min_share=config.extension.min_share,
+        )
+        self.memory.remember(features, found.evidence, found.belief)
+        find_clusters = partial(spectral_clusters, distances[:n, :n], config.clustering)
+        return LongRange(found.occupancy, superpixels, find_clusters, found.confidence)
 
 
 class Detector:
-    """Detects the traversable region, frame by frame; it keeps no state between frames.
+    """Detects the traversable region, frame by frame; between frames it keeps only the memory of the long range.
 
     Parameters
     ----------
@@ -333,5 +392,5 @@ class Detector:
         """
         run, image = run or StageRunner(), frame.image
         short_range = self.short_range.detect(frame, run)
-        long_range = self.long_range.detect(image, short_range.occupancy, run)
+        long_range = self.long_range.detect(image, short_range.occupancy, run, stamp_ns=frame.stamp_ns)
         return Detection(image, short_range, long_range, run.times)

@@ -11,6 +11,7 @@ import pytest
 
 from lrtrav_ros.config import (
     LONG_RANGE_STAGES,
+    NODE_DEFAULTS,
     SHORT_RANGE_STAGES,
     Config,
     find_parameter,
@@ -29,11 +30,12 @@ def test_parameters_of_the_design_have_their_defaults() -> None:
         "source.max_depth_m": 0.0,
         "stereo.n_disparities": 128,
         "stereo.half_resolution": False,
-        "superpixels.n_superpixels": 200,
+        "superpixels.n_superpixels": 500,
         "features.texture": "wld",
         "features.distance": "correlation",
         "clustering.seed": 0,
-        "extension.rule": "evidence",
+        "extension.rule": "propagation",
+        "memory.frames": 0,
     }
     assert {name: values[name] for name in expected} == expected
 
@@ -48,6 +50,10 @@ def test_every_parameter_is_described_and_its_default_in_range() -> None:
 def test_preset_paper_is_the_letter_of_the_paper() -> None:
     paper = Config.preset("paper")
     assert (paper.clustering.k, paper.extension.rule, paper.ground.shape) == (0, "area", "line")
+    assert (paper.superpixels.n_superpixels, paper.memory.frames) == (200, 0)
+    ground = paper.ground  # the obstacles are those of the u-disparity alone: no feet, no drops, no filled holes
+    assert (ground.min_obstacle_m, ground.contact_margin, ground.min_drop_m, ground.max_hole_px) == (0, 1, 0, 0)
+    assert (ground.noise_px, ground.max_step_m) == (1.0, 0.13)
 
 
 def test_unknown_preset() -> None:
@@ -147,6 +153,14 @@ def test_misspelt_names_are_not_taken_for_those_of_others(name: str) -> None:
 def test_every_stage_belongs_to_a_node() -> None:
     assert {parameter.stage for parameter in parameters()} == {*SHORT_RANGE_STAGES, *LONG_RANGE_STAGES}
     assert find_parameter("source").stage == find_parameter("source.compressed").stage == "source"
+
+
+def test_defaults_of_the_nodes_are_values_of_long_range_parameters() -> None:
+    assert NODE_DEFAULTS["memory.frames"] == 5
+    for name, value in NODE_DEFAULTS.items():
+        parameter = find_parameter(name)
+        assert parameter.stage in LONG_RANGE_STAGES
+        assert parameter.check(value) == value != parameter.default
 
 
 def test_files_that_are_made_from_the_configuration_are_up_to_date() -> None:

@@ -15,6 +15,7 @@ from lrtrav_ros.detector import LongRangeDetector, ShortRangeDetector, Stage, St
 from lrtrav_ros.evaluation.scoring.scores import score
 from lrtrav_ros.frame import Frame
 from lrtrav_ros.method.ground import detect_ground
+from lrtrav_ros.method.memory import Memory
 
 SETTINGS = {"stereo.n_disparities": 64, "superpixels.n_superpixels": 60}
 
@@ -62,7 +63,10 @@ def test_shapes_types_and_values(detector, item):
     long = result.long_range
     assert set(np.unique(long.superpixels)) == set(range(len(long.superpixel_clusters)))
     assert set(np.unique(long.clusters)) == set(range(int(long.superpixel_clusters.max()) + 1))
-    assert all(value > 0 for value in dataclasses.asdict(result.times).values())
+    assert (long.confidence.shape, long.confidence.dtype) == ((HEIGHT, WIDTH), np.uint8)
+    times_ms = dataclasses.asdict(result.times)
+    assert times_ms.pop("clustering_ms") == 0  # `propagation`, the default rule, does without clusters
+    assert all(value > 0 for value in times_ms.values())
 
 
 def test_parts_give_what_the_whole_gives(detector, item):
@@ -74,7 +78,10 @@ def test_parts_give_what_the_whole_gives(detector, item):
     assert np.array_equal(whole.clusters, long_range.clusters)
 
 
-def test_stages_run_in_the_order_of_the_paper(detector, item):
+@pytest.mark.parametrize(
+    ("rule", "left_out"), [("area", set()), ("evidence", set()), ("propagation", {Stage.CLUSTERING})]
+)
+def test_stages_run_in_the_order_of_the_paper(item, rule, left_out):
     class Recording(StageRunner):
         def __call__(self, stage, function, *args, **kwargs):
             stages.append(stage)
@@ -82,9 +89,25 @@ def test_stages_run_in_the_order_of_the_paper(detector, item):
 
     stages = []
     run = Recording()
+    detector = Detector(Config().updated({**SETTINGS, "extension.rule": rule}), CAMERA)
     result = detector.detect_frame(item.frame, run)
-    assert list(dict.fromkeys(stages)) == list(Stage)
+    assert list(dict.fromkeys(stages)) == [stage for stage in Stage if stage not in left_out]
     assert result.times == run.times
+
+
+def test_clusters_that_are_found_when_asked_for_are_those_of_the_other_rules(detector, item):
+    short_range = detector.short_range.detect(item.frame)
+    lazy, eager = (
+        LongRangeDetector(detector.config.updated({"extension.rule": rule})).detect(
+            item.frame.left, short_range.occupancy
+        )
+        for rule in ("propagation", "evidence")
+    )
+    assert np.array_equal(lazy.superpixels, eager.superpixels)
+    assert np.array_equal(lazy.superpixel_clusters, eager.superpixel_clusters)
+    assert lazy.superpixel_clusters.max() > 3
+    assert lazy.superpixel_clusters is lazy.superpixel_clusters  # found once
+    assert eager.confidence is None
 
 
 def test_a_frame_without_image_has_short_range_alone(detector, item):
@@ -102,6 +125,94 @@ def test_detector_keeps_no_state(detector, item):
     detector.detect(other.left, other.right)
     assert same(first, detector.detect(item.frame.left, item.frame.right))
     assert same(first, Detector(detector.config, CAMERA).detect(item.frame.left, item.frame.right))
+
+
+SECOND_NS = 1_000_000_000
+THIRD = 40  # columns of each look in the images below
+
+
+def striped(*colours):
+    """Return an image of three stripes of noise around a colour, and which pixels are of each stripe."""
+    noise = np.random.default_rng(0).integers(-9, 10, (60, 3 * THIRD, 3))
+    image = np.array(colours).repeat(THIRD, axis=0)[None] + noise
+    stripes = np.arange(3 * THIRD)[None].repeat(60, axis=0) // THIRD
+    return image.astype(np.uint8), [stripes == i for i in range(3)]
+
+
+WAY, GRASS, DARK = (120, 120, 130), (60, 140, 90), (40, 50, 90)
+
+
+def seen_before(detector, dark):
+    """Show a frame in which short range says of the dark stripe what is given, and of the others what they are."""
+    image, (there, way, grass) = striped(DARK, WAY, GRASS)
+    occupancy = np.select([there, way, grass], [dark, 0, 100]).astype(np.uint8)
+    detector.detect(image, occupancy, stamp_ns=7 * SECOND_NS)
+
+
+def dark_between(detector, stamp_ns):
+    """Show a frame in which nothing is known of a dark stripe between way and grass; return the share that is free."""
+    image, (way, dark, grass) = striped(WAY, DARK, GRASS)
+    occupancy = np.select([way, grass, dark], [0, 100, 255]).astype(np.uint8)
+    return (detector.detect(image, occupancy, stamp_ns=stamp_ns).occupancy[dark] == 0).mean()
+
+
+@pytest.fixture
+def remembering():
+    settings = {"superpixels.n_superpixels": 50, "memory.frames": 1, "memory.max_gap_s": 2.0}
+    return LongRangeDetector(Config().updated(settings))
+
+
+@pytest.mark.parametrize(("dark", "free"), [(0, 1.0), (100, 0.0)])
+def test_what_was_near_and_known_tells_of_what_is_far_and_dark(remembering, dark, free):
+    seen_before(remembering, dark)
+    assert dark_between(remembering, 8 * SECOND_NS) == pytest.approx(free, abs=0.05)
+
+
+@pytest.mark.parametrize("forgets", ["a gap", "a jump back", "on demand", "no frames"])
+def test_without_memory_all_pasts_are_the_same(remembering, forgets):
+    if forgets == "no frames":
+        remembering = LongRangeDetector(remembering.config.updated({"memory.frames": 0}))
+    shares = []
+    for dark in (0, 100):
+        seen_before(remembering, dark)
+        if forgets == "on demand":
+            remembering.memory.clear()
+        shares.append(dark_between(remembering, {"a gap": 10, "a jump back": 6}.get(forgets, 8) * SECOND_NS))
+    assert shares[0] == shares[1]
+
+
+@pytest.mark.parametrize(("min_share", "free"), [(0.0, 1.0), (1.0, 0.0)])
+def test_share_that_is_asked_for_decides_what_is_unknown(min_share, free):
+    detector = LongRangeDetector(Config().updated({**SETTINGS, "extension.min_share": min_share}))
+    assert dark_between(detector, None) == pytest.approx(free, abs=0.05)
+
+
+def test_a_memory_is_shared_from_its_first_frame(remembering):
+    memory = Memory(remembering.config.memory)
+    first, second = (LongRangeDetector(remembering.config, memory=memory) for _ in range(2))
+    seen_before(first, 0)
+    assert len(memory) > 0
+    assert dark_between(second, 8 * SECOND_NS) == pytest.approx(1.0, abs=0.05)
+
+
+def test_the_first_frame_is_the_same_with_memory_and_without(detector, item):
+    remembering = Detector(detector.config.updated({"memory.frames": 3}), CAMERA)
+    assert same(remembering.detect_frame(item.frame), detector.detect_frame(item.frame))
+
+
+def test_memory_of_a_sequence_is_deterministic_and_follows_the_stamps_of_the_frames(detector):
+    config = detector.config.updated({"memory.frames": 3, "source.max_depth_m": 8.0})
+    first, second, jumping = (Detector(config, CAMERA) for _ in range(3))
+    *past, last = (item.frame for item in recorded.rendered())
+    for frame in past:
+        assert same(first.detect_frame(frame), second.detect_frame(frame))
+        jumping.detect_frame(frame)
+    alone, remembered = Detector(config, CAMERA).detect_frame(last), first.detect_frame(last)
+    assert same(remembered, second.detect_frame(last))
+    assert len(remembered.long_range.superpixel_clusters) == remembered.superpixels.max() + 1  # none of the past
+    assert not np.array_equal(remembered.long_range.confidence, alone.long_range.confidence)
+    later = dataclasses.replace(last, stamp_ns=last.stamp_ns + 100 * SECOND_NS)
+    assert same(jumping.detect_frame(later), alone)
 
 
 def test_disparity_of_the_pair_gives_the_same_as_the_pair(detector, item):
@@ -141,7 +252,7 @@ def test_exactly_one_input_is_needed(detector, item, given):
         detector.detect(item.frame.left, **{name: inputs[name] for name in given})
 
 
-@pytest.mark.parametrize("rule", ["area", "evidence"])
+@pytest.mark.parametrize("rule", ["area", "evidence", "propagation"])
 def test_grey_images_are_detected_in(item, rule):
     detector = Detector(Config().updated({**SETTINGS, "extension.rule": rule}), CAMERA)
     left, right = item.frame.left[..., 1], item.frame.right[..., 1]
@@ -240,6 +351,27 @@ def test_images_of_noise_are_worked_on_whatever_their_size(preset, size):
         for result in (detector.detect(left, right), detector.detect(left, disparity=disparity)):
             assert set(np.unique(result.long_range.mask)) <= {0, 255}
             assert len(result.long_range.superpixel_clusters) == result.long_range.superpixels.max() + 1
+
+
+def test_preset_paper_finds_what_it_always_found():
+    rng = np.random.default_rng(4)
+    v, u = np.mgrid[:120, :200]
+    way = (v > 40) & (abs(u - 100) < (v - 40) * 0.9)
+    image = np.where(way[..., None], (110, 112, 118), np.where(v < 40, 190, 70)[..., None] * np.array([1.2, 1.1, 0.8]))
+    image = np.clip(image + rng.normal(0, 8, image.shape), 0, 255).astype(np.uint8)
+    disparity = np.where((v > 25) & (v < 80) & (u < 30), 12.0, np.maximum((v - 40) * 0.3, 0))
+    near = (disparity > 4) & (way | (u < 30))  # the grass has no disparity
+    disparity = np.where(near, disparity + rng.normal(0, 0.2, disparity.shape), 0).astype(np.float32)
+    camera = StereoCamera(fx=150.0, cx=100.0, cy=40.0, baseline_m=0.3)
+    result = Detector(Config.preset("paper"), camera).detect(image, disparity=disparity)
+    counts = [
+        [int((occupancy == value).sum()) for value in (0, 100, 255)]
+        for occupancy in (result.short_range.occupancy, result.long_range.occupancy)
+    ]
+    # As found before feet, drops, holes and propagation; another BLAS may move a few pixels.
+    assert counts[0] == pytest.approx([6661, 9415, 7924], abs=5)
+    assert counts[1] == pytest.approx([6822, 17178, 0], abs=150)
+    assert (result.superpixels.max(), result.clusters.max()) == (198, 3)
 
 
 def test_wall_in_front_of_the_camera_is_no_ground(detector):

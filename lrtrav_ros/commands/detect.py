@@ -12,9 +12,10 @@ from lrtrav_ros.commands.options import add_detection_options, add_parallel_opti
 from lrtrav_ros.commands.usage_error import UsageError
 
 if TYPE_CHECKING:
+    from lrtrav_ros.config import Config
     from lrtrav_ros.offline.detection import Outcome
 
-_EXTRAS = "disparity, superpixels, clusters, occupancy, u_disparity, v_disparity, obstacle_disparity, wld"
+_EXTRAS = "disparity, superpixels, clusters, occupancy, confidence, u_disparity, v_disparity, obstacle_disparity, wld"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -44,11 +45,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Detect in all frames; frames that cannot be used are skipped, counted and reported."""
     config = config_from(args)
-    extras = _extras(args.save)
+    extras = _extras(args.save, config)
 
     from lrtrav_ros.io.result_folder import output_folder
     from lrtrav_ros.offline.detection import detect_recording
 
+    _check_order(args, config)
     names = output_names(args.inputs)
     _check_inputs(args.inputs, args.output)
     failures = []
@@ -68,14 +70,26 @@ def run(args: argparse.Namespace) -> int:
     return 1 if failures else 0
 
 
-def _extras(text: str) -> tuple[str, ...]:
+def _extras(text: str, config: Config) -> tuple[str, ...]:
     """Return what is named to be saved besides."""
-    from lrtrav_ros.io.result_folder import EXTRAS, checked_extras
+    from lrtrav_ros.io.result_folder import available_extras, checked_extras
 
+    if text == "all":
+        return available_extras(config)
     try:
-        return tuple(EXTRAS) if text == "all" else checked_extras(list(filter(None, map(str.strip, text.split(",")))))
+        return checked_extras(list(filter(None, map(str.strip, text.split(",")))), config)
     except ValueError as err:
         raise UsageError(f"--save {text}: {err}") from err
+
+
+def _check_order(args: argparse.Namespace, config: Config) -> None:
+    """Raise UsageError where the options do not detect frames in the order that the memory needs."""
+    from lrtrav_ros.offline.detection import check_order
+
+    try:
+        check_order(config, jobs=args.jobs, cluster=args.cluster)
+    except ValueError as err:
+        raise UsageError(str(err)) from err
 
 
 def _check_inputs(inputs: Sequence[Path], output: Path) -> None:

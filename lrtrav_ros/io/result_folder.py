@@ -28,12 +28,25 @@ from lrtrav_ros.io.parameter_file import dump_parameters
 from lrtrav_ros.method.features import weber_descriptor
 from lrtrav_ros.method.ground import NO_GROUND
 
+_RULE_WITH_CONFIDENCE = "propagation"
+_NO_CONFIDENCE = f"cannot save 'confidence': only the rule {_RULE_WITH_CONFIDENCE} finds it; set extension.rule to that"
+
+
+def _confidence(detection: Detection) -> NDArray[np.uint8]:
+    """Return how sure the mask is; raises ValueError where the rule does not say."""
+    confidence = detection.long_range.confidence
+    if confidence is None:
+        raise ValueError(_NO_CONFIDENCE)
+    return confidence
+
+
 # What --save can add, each in a folder of its name.
 EXTRAS: dict[str, Callable[[Detection], NDArray[Any]]] = {
     "disparity": lambda detection: scaled_disparity(detection.disparity),
     "superpixels": lambda detection: detection.superpixels.astype(np.uint16),
     "clusters": lambda detection: detection.clusters.astype(np.uint16),
     "occupancy": lambda detection: detection.long_range.occupancy,
+    "confidence": _confidence,
     "u_disparity": lambda detection: pictures.histogram_picture(detection.short_range.u_disparity),
     "v_disparity": lambda detection: pictures.histogram_picture(detection.short_range.v_disparity),
     "obstacle_disparity": lambda detection: pictures.disparity_picture(detection.short_range.obstacle_disparity),
@@ -96,11 +109,19 @@ def unusable_frame(name: str, problem: str) -> FrameResult:
     return FrameResult({"name": name, "problem": problem}, {})
 
 
-def checked_extras(names: Collection[str]) -> tuple[str, ...]:
-    """Return the names; raises ValueError if one is not in `EXTRAS`."""
+def available_extras(config: Config) -> tuple[str, ...]:
+    """Return all names of `EXTRAS` that a detection with this configuration has: confidence only by propagation."""
+    has_confidence = config.extension.rule == _RULE_WITH_CONFIDENCE
+    return tuple(name for name in EXTRAS if has_confidence or name != "confidence")
+
+
+def checked_extras(names: Collection[str], config: Config) -> tuple[str, ...]:
+    """Return the names; raises ValueError if one is not in `EXTRAS`, or there is none with this configuration."""
     unknown = sorted(set(names) - set(EXTRAS))
     if unknown:
         raise ValueError(f"cannot save {unknown[0]!r}; choose one of {', '.join(EXTRAS)}")
+    if not set(names) <= set(available_extras(config)):
+        raise ValueError(_NO_CONFIDENCE)
     return tuple(names)
 
 

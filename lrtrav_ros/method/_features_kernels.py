@@ -40,3 +40,15 @@ def look_up(
     for v in range(grey.shape[0]):
         for u in range(grey.shape[1]):
             described[v, u] = table[grey[v, u], sums[v, u]]
+
+
+@kernel
+def add_colours(image: NDArray[np.uint8], superpixels: NDArray[np.int32], sums: NDArray[np.int64]) -> None:
+    """Add each pixel's blue, green and red, and a count of 1, to the row (n, 4) of its superpixel."""
+    for v in range(image.shape[0]):
+        for u in range(image.shape[1]):
+            label = superpixels[v, u]
+            sums[label, 0] += image[v, u, 0]
+            sums[label, 1] += image[v, u, 1]
+            sums[label, 2] += image[v, u, 2]
+            sums[label, 3] += 1

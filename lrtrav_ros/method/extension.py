@@ -38,7 +38,8 @@ def extend(
     clusters : (n,) ndarray of int32
         The cluster of each superpixel, a number from 0 to n - 1.
     config : ExtensionConfig, optional
-        The rule, and the share of ground that makes a cluster traversable: raise it where the mask runs into obstacles.
+        The rule, ``area`` or ``evidence`` (the default here), and the share of ground that makes a cluster traversable:
+        raise it where the mask runs into obstacles.
 
     Returns
     -------
@@ -48,9 +49,11 @@ def extend(
     Raises
     ------
     TypeError, ValueError
-        If an argument is not such an array, or the two images differ in size.
+        If an argument is not such an array, the two images differ in size, or the rule takes no clusters.
     """
-    config = config or ExtensionConfig()
+    config = config or ExtensionConfig(rule="evidence")
+    if config.rule not in RULES:
+        raise ValueError(f"extension.rule {config.rule!r} takes no clusters; give one of {', '.join(RULES)}")
     check_array("superpixels", superpixels, np.int32, ("H", "W"))
     check_array("occupancy", occupancy, np.uint8, superpixels.shape)
     _check_clusters(clusters, superpixels)
@@ -80,11 +83,70 @@ def connected_regions(superpixels: NDArray[np.int32], clusters: NDArray[np.int32
     check_array("superpixels", superpixels, np.int32, ("H", "W"))
     _check_clusters(clusters, superpixels)
     n = len(clusters)
-    touching = np.zeros((n, n), np.bool_)
-    kernels.mark_neighbours(np.ascontiguousarray(superpixels), touching)
-    first, second = np.nonzero(touching & (clusters[:, None] == clusters))
+    first, second = np.nonzero(touching_superpixels(superpixels, n) & (clusters[:, None] == clusters))
     graph = coo_array((np.ones(len(first), np.int8), (first, second)), shape=(n, n))
     return np.asarray(connected_components(graph, directed=False)[1], np.int32)
+
+
+def touching_superpixels(superpixels: NDArray[np.int32], n: int) -> NDArray[np.bool_]:
+    """Return which superpixels meet in a row or a column.
+
+    Parameters
+    ----------
+    superpixels : (H, W) ndarray of int32
+        Labels 0 .. n - 1.
+    n : int
+        Number of superpixels.
+
+    Returns
+    -------
+    (n, n) ndarray of bool
+        Symmetric, False on the diagonal.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If `superpixels` is not such an array.
+    """
+    check_array("superpixels", superpixels, np.int32, ("H", "W"))
+    check_labels("superpixels", superpixels, n)
+    touching = np.zeros((n, n), np.bool_)
+    kernels.mark_neighbours(np.ascontiguousarray(superpixels), touching)
+    return touching | touching.T
+
+
+def count_evidence(
+    occupancy: NDArray[np.uint8], superpixels: NDArray[np.int32], n: int
+) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
+    """Return the numbers of ground pixels, of obstacle pixels and of all pixels in each superpixel.
+
+    Parameters
+    ----------
+    occupancy : (H, W) ndarray of uint8
+        Short range: 0 ground, 100 obstacle, 255 unknown.
+    superpixels : (H, W) ndarray of int32
+        Labels 0 .. n - 1.
+    n : int
+        Number of superpixels.
+
+    Returns
+    -------
+    ground, obstacle, area : (n,) ndarray of int64
+
+    Raises
+    ------
+    TypeError, ValueError
+        If an argument is not such an array, or the two differ in size.
+    """
+    check_array("superpixels", superpixels, np.int32, ("H", "W"))
+    check_array("occupancy", occupancy, np.uint8, superpixels.shape)
+    check_labels("superpixels", superpixels, n)
+    counts = np.zeros((n, 256), np.int64)
+    kernels.count_values(np.ascontiguousarray(occupancy), np.ascontiguousarray(superpixels), counts)
+    total = counts.sum(axis=0)
+    if total.sum() != total[[GROUND, OBSTACLE, UNKNOWN]].sum():
+        raise ValueError("occupancy has other values than 0 ground, 100 obstacle and 255 unknown; give only these")
+    return counts[:, GROUND], counts[:, OBSTACLE], counts.sum(axis=1)
 
 
 def _check_clusters(clusters: NDArray[np.int32], superpixels: NDArray[np.int32]) -> None:
@@ -98,10 +160,8 @@ def _extend_by_area(
     occupancy: NDArray[np.uint8], superpixels: NDArray[np.int32], clusters: NDArray[np.int32], min_share: float
 ) -> NDArray[np.uint8]:
     """Take the clusters with enough short-range ground in their area, and that ground itself: the rule of [1]."""
-    ground, _ = _evidence(occupancy, superpixels, len(clusters))
-    inside = np.bincount(clusters, ground)
-    area = np.bincount(clusters, np.bincount(superpixels.ravel(), minlength=len(clusters)))
-    traversable = inside > min_share * area
+    ground, _, area = count_evidence(occupancy, superpixels, len(clusters))
+    traversable = np.bincount(clusters, ground) > min_share * np.bincount(clusters, area)
     result = np.where(traversable[clusters][superpixels], np.uint8(GROUND), np.uint8(OBSTACLE))
     result[occupancy == GROUND] = GROUND
     return result
@@ -115,7 +175,7 @@ def _extend_by_evidence(
     A region without evidence is judged as its whole cluster is.
     """
     regions = connected_regions(superpixels, clusters)
-    ground, obstacle = _evidence(occupancy, superpixels, len(clusters))
+    ground, obstacle, _ = count_evidence(occupancy, superpixels, len(clusters))
     verdict = _verdict(regions, ground, obstacle, min_share)
     verdict = np.where(verdict == UNKNOWN, _verdict(clusters, ground, obstacle, min_share), verdict)
     return np.where(occupancy == UNKNOWN, verdict[superpixels], occupancy)
@@ -137,15 +197,3 @@ def _verdict(
     verdict = np.where(ground_pixels > min_share * evidence, np.uint8(GROUND), np.uint8(OBSTACLE))
     verdict[evidence == 0] = UNKNOWN
     return verdict[groups]
-
-
-def _evidence(
-    occupancy: NDArray[np.uint8], superpixels: NDArray[np.int32], n: int
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return the numbers of ground and of obstacle pixels in each of n superpixels."""
-    counts = np.zeros((n, 256), np.int64)
-    kernels.count_values(np.ascontiguousarray(occupancy), np.ascontiguousarray(superpixels), counts)
-    other = np.delete(counts.sum(axis=0), (GROUND, OBSTACLE, UNKNOWN))
-    if other.any():
-        raise ValueError("occupancy has other values than 0 ground, 100 obstacle and 255 unknown; give only these")
-    return counts[:, GROUND], counts[:, OBSTACLE]

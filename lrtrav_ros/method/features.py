@@ -16,7 +16,7 @@ References
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
@@ -35,16 +35,53 @@ HSV_BINS = (9, 8, 6)
 """Bins of the colour histogram along hue, saturation and value."""
 
 _MAX_SHARE = 1 + 1e-3  # of a histogram in one bin: its sum is not exact
+_DARK = 4.0  # grey levels: in the dark, the ratios of colours are noise
+_FLAT = 1e-7  # spread of a histogram, against its mean, that rounding makes
 _WEBER_GAIN = 3.0
 _TERNARY_THRESHOLD = 5
 _CS_LBP_THRESHOLD = 0.01 * 255
 _NEIGHBOURS = ((-1, -1), (-1, 0), (-1, 1), (0, 1), (1, 1), (1, 0), (1, -1), (0, -1))
 
 
-def superpixel_distances(
+@dataclass(frozen=True, slots=True, eq=False)
+class Features:
+    """What superpixels look like.
+
+    Parameters
+    ----------
+    colour : (n, 432) ndarray of float32
+        HSV histograms, each with sum 1.
+    texture : (n, bins) ndarray of float32
+        Histograms of a texture descriptor, each with sum 1.
+    chromaticity : (n, 2) ndarray of float64
+        Logarithms of blue and of red over green, which neither shade nor distance changes much; 0 for a grey image.
+    """
+
+    colour: NDArray[np.float32]
+    texture: NDArray[np.float32]
+    chromaticity: NDArray[np.float64]
+
+    def __len__(self) -> int:
+        return len(self.colour)
+
+    def chosen(self, which: NDArray[np.intp]) -> Features:
+        """Return the features of superpixels given by their numbers, (m,) ndarray of intp."""
+        return Features(self.colour[which], self.texture[which], self.chromaticity[which])
+
+
+def joined(parts: Sequence[Features]) -> Features:
+    """Return the features of several images as if they were of one, in their order; ValueError where there are none."""
+    return Features(
+        np.concatenate([part.colour for part in parts]),
+        np.concatenate([part.texture for part in parts]),
+        np.concatenate([part.chromaticity for part in parts]),
+    )
+
+
+def superpixel_features(
     image: NDArray[np.uint8], superpixels: NDArray[np.int32], config: FeaturesConfig | None = None
-) -> NDArray[np.float64]:
-    """Return the distance of each superpixel to each.
+) -> Features:
+    """Return what each superpixel looks like.
 
     Parameters
     ----------
@@ -53,7 +90,58 @@ def superpixel_distances(
     superpixels : (H, W) ndarray of int32
         Labels 0 .. n - 1.
     config : FeaturesConfig, optional
-        The cues, the texture descriptor and the distance between histograms; the defaults are the best of [1].
+        `texture` is used; the default is the best of [1].
+
+    Raises
+    ------
+    TypeError, ValueError
+        If an image is not as above, or the two differ in size.
+    """
+    config = config or FeaturesConfig()
+    return Features(
+        colour_histograms(image, superpixels),
+        texture_histograms(image, superpixels, config.texture),
+        log_chromaticity(image, superpixels),
+    )
+
+
+def feature_distances(features: Features, config: FeaturesConfig | None = None) -> NDArray[np.float64]:
+    """Return the distance of each superpixel to each, by colour and texture.
+
+    Parameters
+    ----------
+    features : Features
+        Of n superpixels.
+    config : FeaturesConfig, optional
+        The cues and the distance between histograms; the defaults are the best of [1].
+
+    Returns
+    -------
+    (n, n) ndarray of float64
+        Symmetric, with a zero diagonal.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If the histograms are none.
+    """
+    config = config or FeaturesConfig()
+    return CUES[config.cues](features, config.distance)
+
+
+def superpixel_distances(
+    image: NDArray[np.uint8], superpixels: NDArray[np.int32], config: FeaturesConfig | None = None
+) -> NDArray[np.float64]:
+    """Return the distance of each superpixel of an image to each: `feature_distances` of `superpixel_features`.
+
+    Parameters
+    ----------
+    image : (H, W) or (H, W, 3) ndarray of uint8
+        Grey or BGR.
+    superpixels : (H, W) ndarray of int32
+        Labels 0 .. n - 1.
+    config : FeaturesConfig, optional
+        The cues, the texture descriptor and the distance between histograms.
 
     Returns
     -------
@@ -65,32 +153,25 @@ def superpixel_distances(
     TypeError, ValueError
         If an image is not as above, or the two differ in size.
     """
-    config = config or FeaturesConfig()
-    return CUES[config.cues](image, superpixels, config)
+    return feature_distances(superpixel_features(image, superpixels, config), config)
 
 
-def _colour_distances(
-    image: NDArray[np.uint8], superpixels: NDArray[np.int32], config: FeaturesConfig
-) -> NDArray[np.float64]:
+def _colour_distances(features: Features, distance: str) -> NDArray[np.float64]:
     """Return the distances by colour."""
-    return histogram_distances(colour_histograms(image, superpixels), config.distance)
+    return histogram_distances(features.colour, distance)
 
 
-def _texture_distances(
-    image: NDArray[np.uint8], superpixels: NDArray[np.int32], config: FeaturesConfig
-) -> NDArray[np.float64]:
+def _texture_distances(features: Features, distance: str) -> NDArray[np.float64]:
     """Return the distances by texture."""
-    return histogram_distances(texture_histograms(image, superpixels, config.texture), config.distance)
+    return histogram_distances(features.texture, distance)
 
 
-def _weighted_distances(
-    image: NDArray[np.uint8], superpixels: NDArray[np.int32], config: FeaturesConfig
-) -> NDArray[np.float64]:
+def _weighted_distances(features: Features, distance: str) -> NDArray[np.float64]:
     """Return the distances by colour and texture together."""
-    return weighted_sum(_colour_distances(image, superpixels, config), _texture_distances(image, superpixels, config))
+    return weighted_sum(_colour_distances(features, distance), _texture_distances(features, distance))
 
 
-CUES: dict[str, Callable[[NDArray[np.uint8], NDArray[np.int32], FeaturesConfig], NDArray[np.float64]]] = {
+CUES: dict[str, Callable[[Features, str], NDArray[np.float64]]] = {
     "both": _weighted_distances,
     "colour": _colour_distances,
     "texture": _texture_distances,
@@ -156,6 +237,38 @@ def colour_histograms(image: NDArray[np.uint8], superpixels: NDArray[np.int32]) 
     hsv = cv2.cvtColor(np.ascontiguousarray(image), cv2.COLOR_BGR2HSV)
     kernels.count_colours(hsv, np.ascontiguousarray(superpixels), hue, saturation, value, counts)
     return _with_unit_sum(counts)
+
+
+def log_chromaticity(image: NDArray[np.uint8], superpixels: NDArray[np.int32]) -> NDArray[np.float64]:
+    """Return the logarithms of blue over green and of red over green of each superpixel's mean colour.
+
+    Shade darkens all three alike, and distance blends the colours of a texture into their mean: neither changes the
+    ratios much, as either changes a histogram.
+
+    Parameters
+    ----------
+    image : (H, W) or (H, W, 3) ndarray of uint8
+        Grey or BGR.
+    superpixels : (H, W) ndarray of int32
+        Labels 0 .. n - 1.
+
+    Returns
+    -------
+    (n, 2) ndarray of float64
+        0 for a grey image, and for labels that no pixel has.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If an image is not as above, or the two differ in size.
+    """
+    n_superpixels = _count_superpixels(image, superpixels)
+    if image.ndim == 2:
+        return np.zeros((n_superpixels, 2))
+    sums = np.zeros((n_superpixels, 4), np.int64)
+    kernels.add_colours(np.ascontiguousarray(image), np.ascontiguousarray(superpixels), sums)
+    blue, green, red = (sums[:, :3] / np.maximum(sums[:, 3:], 1) + _DARK).T
+    return np.stack([np.log(blue / green), np.log(red / green)], axis=1)
 
 
 def texture_histograms(
@@ -407,11 +520,16 @@ def histogram_distances(histograms: NDArray[np.floating[Any]], distance: str = "
 
 
 def _correlation(rows: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return (1 - correlation) / 2; flat rows have no correlation."""
-    centred = rows - rows.mean(axis=1, keepdims=True)
-    norm = np.linalg.norm(centred, axis=1, keepdims=True)
-    centred /= np.where(norm > 0, norm, 1)
-    return (1 - np.clip(centred @ centred.T, -1, 1)) / 2
+    """Return (1 - correlation) / 2; flat rows have no correlation.
+
+    Bins that are empty in all rows, which is most of the colours, only enter by the means.
+    """
+    mean = rows.mean(axis=1)
+    used = np.ascontiguousarray(rows[:, rows.any(axis=0)])
+    covariance = used @ used.T - rows.shape[1] * mean[:, None] * mean
+    norm = np.sqrt(np.maximum(covariance.diagonal(), 0))
+    norm[norm <= _FLAT * mean] = np.inf
+    return (1 - np.clip(covariance / norm / norm[:, None], -1, 1)) / 2
 
 
 def _bhattacharyya(rows: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -33,7 +33,7 @@ GROUND = kernels.GROUND
 OBSTACLE = kernels.OBSTACLE
 """Value of a pixel that is not traversable, or above the horizon."""
 
-UNKNOWN = 255
+UNKNOWN = kernels.UNKNOWN
 """Value of a pixel about which nothing is known."""
 
 NO_GROUND = "no ground line found"
@@ -48,6 +48,12 @@ _SAMPLING = 3  # rows and columns between the pixels of the refit
 _ITERATIONS = 20
 _MIN_ROW_SPREAD = 0.01  # of the image's height: in fewer rows the slope is left open
 _CONVERGED_PX = 1e-3
+_MAX_SHARE = 0.9  # of the camera's height: things as high as the camera have no disparity of their own
+_SIGNIFICANT = 3.8  # times the noise of outlying pixels; with Gaussian noise, 8 standard deviations
+_SIGNIFICANT_DROP = 7.3  # times that of typical ones, 5 standard deviations: mismatches are above the ground as a rule
+_CLEAR_PX = 4.0  # ground of less disparity says little about noise
+_MAX_BELOW = 0.25  # of the ground's disparity: what is farther below is a drop or a mismatch
+_LEAST_DROP_PX = (3, 7)  # rows and columns
 _STIFFNESS = 1e-4  # of the bend: with little ground in sight it stays flat
 
 
@@ -456,7 +462,9 @@ def back_project(
 ) -> NDArray[np.uint8]:
     """Return which pixels are on the ground line.
 
-    The tolerance is the disparity's noise plus what a step of `max_step_m` makes at the pixel's distance.
+    The tolerance is the disparity's noise plus what a step of `max_step_m` makes at the pixel's distance. Where noise
+    hides a height of `min_obstacle_m`, nothing is taken for ground. What stands upright is an obstacle down to its
+    contact with the ground, the row where the ground has its disparity; so is what lies below the ground.
 
     Parameters
     ----------
@@ -469,7 +477,7 @@ def back_project(
     camera : StereoCamera
         Calibration.
     config : GroundConfig, optional
-        `noise_px`, `max_step_m`, `min_obstacle_m` and `max_hole_px` are used.
+        `noise_px`, `max_step_m`, `min_obstacle_m`, `contact_margin`, `min_drop_m` and `max_hole_px` are used.
 
     Returns
     -------
@@ -501,21 +509,53 @@ def _occupancy(
     occupancy = np.full(disparity.shape, UNKNOWN, np.uint8)
     if line is None:
         return occupancy
-    camera_height = line.camera_height_m(camera)
-    step = min(config.max_step_m / camera_height, 0.9)
-    stands = min(config.min_obstacle_m / camera_height, 0.9) if config.min_obstacle_m else math.inf
     coefficients = np.array([line.slope, line.intercept, line.tilt, line.bend])
-    kernels.classify(disparity, obstacles, coefficients, config.noise_px, step, stands, occupancy)
-    if config.max_hole_px > 1:
-        _fill_holes(occupancy, disparity, config.max_hole_px)
+    step = min(config.max_step_m / line.camera_height_m(camera), _MAX_SHARE)
+    if not config.min_obstacle_m:
+        kernels.classify(disparity, obstacles, coefficients, config.noise_px, step, occupancy)
+        return _with_filled_holes(occupancy, disparity, config.max_hole_px)
+    expected = kernels.ground_disparity(coefficients, *disparity.shape)
+    stands = min(config.min_obstacle_m / line.camera_height_m(camera), _MAX_SHARE)
+    kernels.classify_by_height(disparity, expected, config.noise_px, step, stands, occupancy)
+    typical, outlying = _noise_below(disparity, expected)
+    least = max(_SIGNIFICANT * outlying, 2 * config.noise_px)
+    if config.contact_margin < 1:
+        kernels.mark_faces(disparity, expected, config.noise_px, least, step, config.contact_margin, occupancy)
+    if config.min_drop_m:
+        deep = config.min_drop_m / line.camera_height_m(camera)
+        typical = min(typical, config.noise_px / 2)  # where a ditch is most of what is below, it is no noise
+        below = kernels.drops(
+            disparity,
+            expected,
+            occupancy,
+            config.noise_px,
+            max(_SIGNIFICANT_DROP * typical, config.noise_px),
+            step,
+            deep,
+            config.contact_margin,
+        )
+        occupancy[cv2.morphologyEx(below, cv2.MORPH_OPEN, np.ones(_LEAST_DROP_PX, np.uint8)) > 0] = OBSTACLE
+    return _with_filled_holes(occupancy, disparity, config.max_hole_px)
+
+
+def _noise_below(disparity: NDArray[np.float32], expected: NDArray[np.float32]) -> tuple[float, float]:
+    """Return median and 97th percentile of how far pixels below the ground are below it, in pixels.
+
+    No thing is there, so that this is noise; but a ditch may be, which the median withstands.
+    """
+    sampled, ground = disparity[::_SAMPLING, ::_SAMPLING], expected[::_SAMPLING, ::_SAMPLING]
+    below = ground - sampled
+    residuals = below[(sampled > 0) & (ground > _CLEAR_PX) & (below > 0) & (below < _MAX_BELOW * ground)]
+    return (float(np.median(residuals)), float(np.percentile(residuals, 97))) if residuals.size else (0.0, 0.0)
+
+
+def _with_filled_holes(occupancy: NDArray[np.uint8], disparity: NDArray[np.float32], size: int) -> NDArray[np.uint8]:
+    """Return occupancy with ground, set in place, in holes of the ground without disparity, up to `size` pixels."""
+    if size > 1:
+        ground = (occupancy == GROUND).astype(np.uint8)
+        closed = cv2.morphologyEx(ground, cv2.MORPH_CLOSE, np.ones((size, size), np.uint8))
+        kernels.fill_holes(closed, disparity, occupancy)
     return occupancy
-
-
-def _fill_holes(occupancy: NDArray[np.uint8], disparity: NDArray[np.float32], size: int) -> None:
-    """Set to ground, in place, what has no disparity and lies in holes of the ground up to `size` pixels."""
-    ground = (occupancy == GROUND).astype(np.uint8)
-    closed = cv2.morphologyEx(ground, cv2.MORPH_CLOSE, np.ones((size, size), np.uint8))
-    occupancy[(closed > 0) & (disparity <= 0) & (occupancy == UNKNOWN)] = GROUND
 
 
 def _checked(name: str, disparity: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -1,7 +1,8 @@
-"""The long-range node: extends short-range ground over the clusters of the left image."""
+"""The long-range node: extends short-range ground over the superpixels of the left image."""
 
 from __future__ import annotations
 
+import threading
 from typing import Any
 
 import numpy as np
@@ -9,6 +10,7 @@ from numpy.typing import NDArray
 from rclpy.node import Node
 from sensor_msgs.msg import Image
 from std_msgs.msg import Header
+from std_srvs.srv import Empty
 
 from lrtrav_ros.config import LONG_RANGE_STAGES
 from lrtrav_ros.detector import LongRange, LongRangeDetector
@@ -35,6 +37,9 @@ ImagePair = tuple[Any, Any]
 class LongRangeNode(Node):
     """Publishes ``long_range/mask`` and ``long_range/occupancy`` for each short-range result.
 
+    It remembers the frames before; the service ``long_range/reset_memory``, a jump in time, and a change of the
+    parameters of features or memory make it forget them.
+
     Raises
     ------
     ValueError
@@ -46,6 +51,9 @@ class LongRangeNode(Node):
         self._settings = Settings(self, LONG_RANGE_STAGES)
         self._advertise()
         compile_kernels(self._settings.config)
+        self._cached_detector = LongRangeDetector(self._settings.config)
+        self._is_to_forget = threading.Event()
+        self.create_service(Empty, "long_range/reset_memory", self._reset_memory)
         self._worker: Worker[ImagePair] = Worker(self._process, failed=lambda err: report_failure(self, err))
         self._pairing = self._subscribe()
         self._diagnostics = Diagnostics(self, self._worker, problem=self._problem, frame_topic=self._pairing.first)
@@ -62,6 +70,7 @@ class LongRangeNode(Node):
         self._occupancy = endpoints.advertise(self, Image, "long_range/occupancy")
         self._superpixels = endpoints.advertise(self, Image, "long_range/superpixels")
         self._clusters = endpoints.advertise(self, Image, "long_range/clusters")
+        self._confidence = endpoints.advertise(self, Image, "long_range/confidence")
         self._overlay = endpoints.advertise(self, Image, "long_range/overlay")
 
     def _subscribe(self) -> StampPairing[Any, Any]:
@@ -96,8 +105,24 @@ class LongRangeNode(Node):
     def _process(self, pair: ImagePair) -> None:
         occupancy, left = (decode_message(message) for message in pair)
         image = as_8bit(left)
-        long_range = LongRangeDetector(self._settings.config).detect(image, occupancy)
+        long_range = self._detector().detect(image, occupancy, stamp_ns=header_stamp_ns(pair[1]))
         self._publish(pair[1].header, image, occupancy, long_range)
+
+    def _reset_memory(self, request: Empty.Request, response: Empty.Response) -> Empty.Response:
+        # The memory belongs to the worker's thread, which may be at a frame.
+        self._is_to_forget.set()
+        return response
+
+    def _detector(self) -> LongRangeDetector:
+        """Return the detector for the current parameters, with the memory of the one before where that still fits."""
+        config, last = self._settings.config, self._cached_detector
+        if last.config is not config:
+            fits = (last.config.features, last.config.memory) == (config.features, config.memory)
+            self._cached_detector = LongRangeDetector(config, memory=last.memory if fits else None)
+        if self._is_to_forget.is_set():
+            self._is_to_forget.clear()
+            self._cached_detector.memory.clear()
+        return self._cached_detector
 
     def _publish(
         self, header: Header, image: NDArray[np.uint8], occupancy: NDArray[np.uint8], long_range: LongRange
@@ -106,4 +131,7 @@ class LongRangeNode(Node):
         self._occupancy.publish(messages.array_to_image(long_range.occupancy, header))
         endpoints.publish_if_wanted(self._superpixels, header, lambda: messages.as_uint16(long_range.superpixels))
         endpoints.publish_if_wanted(self._clusters, header, lambda: messages.as_uint16(long_range.clusters))
+        confidence = long_range.confidence
+        if confidence is not None:
+            endpoints.publish_if_wanted(self._confidence, header, lambda: confidence)
         endpoints.publish_if_wanted(self._overlay, header, lambda: overlay(image, occupancy, long_range.occupancy))

@@ -11,7 +11,7 @@ from rclpy.exceptions import ParameterException
 from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 
-from lrtrav_ros.config import PRESETS, Config, Parameter, Value, foreign_names, parameters
+from lrtrav_ros.config import NODE_DEFAULTS, PRESETS, Config, Parameter, Value, foreign_names, parameters
 
 _INT64_MAX = 2**63 - 1
 
@@ -19,8 +19,9 @@ _INT64_MAX = 2**63 - 1
 class Settings:
     """Declares parameters on a node and keeps `config` up to date.
 
-    A change is checked as a whole and then takes effect at once: whoever reads `config` sees all of a batch or none.
-    Values for parameters of other packages' nodes, which sections for all nodes contain, are ignored with a warning.
+    Defaults are those of the preset, but for `config.NODE_DEFAULTS`. A change is checked as a whole and then takes
+    effect at once: whoever reads `config` sees all of a batch or none. Values for parameters of other packages' nodes,
+    which sections for all nodes contain, are ignored with a warning.
 
     Parameters
     ----------
@@ -44,7 +45,7 @@ class Settings:
         self._node = node
         self._refusal = ""
         self._warn_of_foreign_names()
-        self.config = Config.preset(self._declared_preset())
+        self.config = Config.preset(self._declared_preset()).updated(NODE_DEFAULTS)
         own = [parameter for parameter in parameters() if parameter.stage in stages]
         self._own_names = {parameter.name for parameter in own}
         node.add_on_set_parameters_callback(self._validate)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 
 import cv2
@@ -64,16 +64,19 @@ def detect_recording(
 
     Frames that cannot be used are skipped. The files do not depend on `jobs` and `cluster`, for which see
     `parallel.run_tasks`; only this process writes. A bag is read by this process, a folder's frames by those that
-    detect in them.
+    detect in them. A memory (``memory.frames``) is empty when the recording begins.
 
     Raises
     ------
     OSError, ValueError, RuntimeError
-        If the recording cannot be used, the output not be written, or the tasks not be run.
+        If the recording cannot be used, the output not be written, or the tasks not be run; and as `check_order`.
     """
+    check_order(config, jobs=jobs, cluster=cluster)
+    is_here = jobs == 1 and cluster is None
+    detect = partial(detect_frame, detector=Detector(config)) if is_here else detect_frame
     with open_recording(path, config.source) as recording, ResultFolder(output, config) as folder:
-        tasks = _tasks(recording, config, extras, single_threaded=jobs != 1 or cluster is not None)
-        results = run_tasks(detect_frame, tasks, jobs=jobs, cluster=cluster)
+        tasks = _tasks(recording, config, extras, single_threaded=not is_here)
+        results = run_tasks(detect, tasks, jobs=jobs, cluster=cluster)
         n_done = n_without_ground = 0
         skipped = []
         for result in tqdm(results, desc=path.name, total=len(recording), unit="frame", disable=None):
@@ -88,6 +91,28 @@ def detect_recording(
         return Outcome(n_done, len(skipped), n_without_ground, problems)
 
 
+def check_order(config: Config, *, jobs: int, cluster: str | None) -> None:
+    """Check that frames are detected in their order where the detector remembers them.
+
+    Parameters
+    ----------
+    config : Config
+        `memory` is used.
+    jobs, cluster
+        As `detect_recording` takes them.
+
+    Raises
+    ------
+    ValueError
+        If frames would be detected side by side although ``memory.frames`` is not 0.
+    """
+    if config.memory.frames and (jobs != 1 or cluster is not None):
+        raise ValueError(
+            f"memory.frames is {config.memory.frames}, so each frame needs those before it: detect in one process, "
+            "with --jobs 1 and no --cluster, or set memory.frames to 0"
+        )
+
+
 def _tasks(
     recording: Recording, config: Config, extras: tuple[str, ...], *, single_threaded: bool
 ) -> Iterator[DetectionTask]:
@@ -97,14 +122,23 @@ def _tasks(
         yield DetectionTask(item, config, extras)
 
 
-def detect_frame(task: DetectionTask) -> FrameResult:
-    """Return the output of one frame; for one that cannot be used, the reason."""
+def detect_frame(task: DetectionTask, detector: Detector | None = None) -> FrameResult:
+    """Return the output of one frame; for one that cannot be used, the reason.
+
+    Parameters
+    ----------
+    task : DetectionTask
+        The frame.
+    detector : Detector, optional
+        With the task's configuration, where it is to remember the frames before; else one of this thread's own.
+    """
     item = task.item
     if isinstance(item, UnusableFrame):
         return unusable_frame(item.name, item.problem)
     try:
         frame = item.read() if isinstance(item, FrameFile) else item
-        detection = _detector(task.config, threading.get_ident()).detect_frame(frame)
+        detector = detector or _detector(task.config, threading.get_ident())
+        detection = detector.detect_frame(frame)
         return frame_result(frame.name, detection, frame.camera, extras=task.extras)
     except (OSError, ValueError, cv2.error) as err:
         return unusable_frame(item.name, " ".join(str(err).split()))

@@ -96,6 +96,11 @@ def test_failure_is_one_line_on_standard_error_and_exits_with_1(
         (["detect", "x", "--output", "y", "--params", "none.yaml"], "No such file or directory: 'none.yaml'"),
         (["detect", "x", "--output", "y", "--params", "PARAMS"], "PARAMS: no parameter 'stereo.mathcer'; did you mean"),
         (["evaluate", "x", "--output", "y", "--params", "PARAMS"], "PARAMS: no parameter 'stereo.mathcer'"),
+        (["detect", "x", "--output", "y", "--jobs", "0", "--set", "memory.frames=5"], "memory.frames is 5, so each"),
+        (
+            ["evaluate", "x", "--output", "y", "--set", "memory.frames=5"],
+            "memory.frames is 5, but frames are evaluated",
+        ),
         (["benchmark", "--set", "clustering.k=-1"], "clustering.k is -1; give 0 to 1000"),
         (["replay", "x", "--rate", "0"], "rate is 0; give a number above 0"),
         (["replay", "x", "--remap", "/left"], "--remap /left: write FROM:=TO"),
@@ -173,7 +178,7 @@ def test_benchmark_prints_every_stage_and_writes_json(tmp_path: Path, capsys: py
     figures = json.loads(file.read_text())
     stages = ["matching", "ground", "superpixels", "features", "clustering", "extension"]
     assert list(figures["median_ms"]) == stages
-    assert all(value > 0 for value in figures["median_ms"].values())
+    assert [name for name in stages if not figures["median_ms"][name]] == ["clustering"]  # propagation needs none
     assert figures["after_matching_ms"] == pytest.approx(
         sum(figures["median_ms"][name] for name in stages[1:]), rel=0.5
     )

@@ -115,7 +115,7 @@ def test_table_has_times_ground_line_and_numbers(detected):
     counts = ("n_superpixels", "n_clusters")
     assert tuple(table[0]) == ("name", *(f"{stage}_ms" for stage in stages), *ground, *counts, "problem")
     for row in table:
-        assert all(float(row[f"{stage}_ms"]) > 0 for stage in stages)
+        assert [stage for stage in stages if not float(row[f"{stage}_ms"])] == ["clustering"]  # propagation needs none
         assert float(row["camera_height_m"]) == pytest.approx(1.0, abs=0.15)
         assert 0 < float(row["horizon_row"]) < HEIGHT / 2
         assert 30 <= int(row["n_superpixels"]) <= 90
@@ -168,6 +168,29 @@ def test_save_all_adds_all(dataset, out):
     occupancy = read_image(out / "occupancy" / f"{NAMES[0]}.png")
     assert np.array_equal(occupancy == 0, read_image(out / "long_range" / f"{NAMES[0]}.png") == 255)
     assert set(np.unique(occupancy)) <= {0, 100, 255}
+    assert read_image(out / "confidence" / f"{NAMES[0]}.png").dtype == np.uint8
+
+
+def test_save_all_leaves_confidence_out_where_there_is_none(dataset, out):
+    assert detect(dataset, out, "--save", "all", "--set", "extension.rule=evidence") == 0
+    assert {path.name for path in out.iterdir() if path.is_dir()} == {*MASKS, "overlay", *EXTRAS} - {"confidence"}
+
+
+def test_each_input_begins_with_an_empty_memory(dataset, out, tmp_path):
+    again, without = write_dataset(tmp_path / "again", frames()), tmp_path / "without"
+    assert detect([dataset, again], out, "--save", "confidence", "--set", "memory.frames=5") == 0
+    assert contents(out / "again") == contents(out / "dataset")
+    assert detect(dataset, without, "--save", "confidence") == 0
+    with_memory, single = contents(out / "dataset", "confidence"), contents(without, "confidence")
+    first, *others = (single[path] == with_memory[path] for path in sorted(single))
+    assert (first, all(others)) == (True, False)
+
+
+@pytest.mark.parametrize("options", [("--jobs", "2"), ("--cluster", "tcp://127.0.0.1:1")])
+def test_memory_needs_frames_in_their_order(dataset, out, capsys, options):
+    assert detect(dataset, out, "--set", "memory.frames=5", *options) == 2
+    assert "memory.frames is 5, so each frame needs those before it" in failure(capsys)
+    assert not out.exists()
 
 
 def test_save_adds_what_is_named(dataset, out):
@@ -179,6 +202,7 @@ def test_save_adds_what_is_named(dataset, out):
     ("options", "message"),
     [
         (("--save", "normals"), "cannot save 'normals'; choose one of disparity"),
+        (("--save", "confidence", "--preset", "paper"), "--save confidence: cannot save 'confidence': only the rule"),
         (("--set", "clustering.q=3"), "no parameter 'clustering.q'; did you mean clustering.k"),
         (("--set", "clustering.k=many"), "clustering.k is 'many'"),
         (("--set", "clustering.k"), "write STAGE.FIELD=VALUE"),

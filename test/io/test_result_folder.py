@@ -15,6 +15,7 @@ from lrtrav_ros.io.parameter_file import read_parameter_file
 from lrtrav_ros.io.result_folder import (
     EXTRAS,
     ResultFolder,
+    available_extras,
     checked_extras,
     frame_result,
     output_folder,
@@ -47,6 +48,9 @@ def test_frame_is_written_with_all_extras(tmp_path, detection):
     assert np.array_equal(read_image(out / "superpixels/a b.png"), long.superpixels)
     assert np.array_equal(read_image(out / "clusters/a b.png"), long.clusters)
     assert np.array_equal(read_image(out / "occupancy/a b.png"), long.occupancy)
+    confidence = read_image(out / "confidence/a b.png")
+    assert (confidence.dtype, confidence.shape) == (np.uint8, detection.image.shape[:2])
+    assert np.array_equal(confidence, long.confidence)
     assert read_image(out / "u_disparity/a b.png").shape[:2] == short.u_disparity.shape
     assert read_image(out / "v_disparity/a b.png").shape[:2] == short.v_disparity.shape
     for extra in ("obstacle_disparity", "wld"):
@@ -98,7 +102,20 @@ def test_configuration_is_read_back(tmp_path):
 
 def test_unknown_extra_is_refused():
     with pytest.raises(ValueError, match="cannot save 'normals'; choose one of disparity, superpixels"):
-        checked_extras(["disparity", "normals"])
+        checked_extras(["disparity", "normals"], CONFIG)
+
+
+def test_confidence_is_there_by_propagation_alone():
+    assert available_extras(CONFIG) == tuple(EXTRAS)
+    assert checked_extras(["confidence"], CONFIG) == ("confidence",)
+    evidence = CONFIG.updated({"extension.rule": "evidence"})
+    assert available_extras(evidence) == tuple(name for name in EXTRAS if name != "confidence")
+    message = "cannot save 'confidence': only the rule propagation finds it; set extension.rule to that"
+    with pytest.raises(ValueError, match=message):
+        checked_extras(["disparity", "confidence"], evidence)
+    frame = recorded.frames(n=1)[0]
+    with pytest.raises(ValueError, match=message):
+        frame_result("a", Detector(evidence).detect_frame(frame), frame.camera, extras=("confidence",))
 
 
 @pytest.mark.parametrize("exists", [False, True])

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from lrtrav_ros.camera import StereoCamera
 from lrtrav_ros.config import ElasConfig, ExtensionConfig, FeaturesConfig, StereoConfig
 from lrtrav_ros.frame import to_grey
-from lrtrav_ros.method import clustering, extension, features, ground, matching, superpixels
+from lrtrav_ros.method import clustering, extension, features, ground, matching, memory, propagation, superpixels
 from lrtrav_ros.method.matching.elas import Elas
 
 Array = NDArray[Any]
@@ -77,6 +77,11 @@ def distances(height: int, width: int) -> Array:
     return np.abs(points[:, None] - points)
 
 
+def superpixel_distances(width: int) -> Array:
+    """Return distances between the superpixels of `labels`."""
+    return distances(1, (width + 1) // 2)
+
+
 def histograms(height: int, width: int) -> Array:
     return rng().dirichlet(np.ones(height), width).astype(np.float32)
 
@@ -121,6 +126,11 @@ IMAGE_AND_LABELS = {
     "colour_histograms of grey": Case(
         features.colour_histograms, lambda h, w: (grey(h, w), labels(h, w)), other_dims=(3,)
     ),
+    "superpixel_features": Case(features.superpixel_features, lambda h, w: (bgr(h, w), labels(h, w)), other_dims=(2,)),
+    "log_chromaticity": Case(features.log_chromaticity, lambda h, w: (bgr(h, w), labels(h, w)), other_dims=(2,)),
+    "log_chromaticity of grey": Case(
+        features.log_chromaticity, lambda h, w: (grey(h, w), labels(h, w)), other_dims=(3,)
+    ),
 } | {
     f"texture_histograms {name}": Case(
         partial(features.texture_histograms, texture=name), lambda h, w: (bgr(h, w), labels(h, w)), other_dims=(2,)
@@ -136,11 +146,29 @@ REGIONS = {
     )
     for rule in extension.RULES
 }
+SUPERPIXELS = {
+    "touching_superpixels": Case(partial(extension.touching_superpixels, n=10), lambda h, w: (labels(h, w),)),
+    "count_evidence": Case(partial(extension.count_evidence, n=10), lambda h, w: (occupancy(h, w), labels(h, w))),
+    "propagate": Case(
+        propagation.propagate,
+        lambda h, w: (
+            occupancy(h, w),
+            labels(h, w),
+            superpixel_distances(w),
+            rng().normal(0, 0.1, ((w + 1) // 2, 2)),
+        ),
+    ),
+}
 FLOATS = {
     "spectral_clusters": Case(clustering.spectral_clusters, lambda h, w: (distances(h, w),), may_be_empty=True),
     "affinity": Case(clustering.affinity, lambda h, w: (distances(h, w),), may_be_empty=True),
     "automatic_k": Case(clustering.automatic_k, lambda h, w: (np.linspace(1, 0, w) ** 2,), other_types="f"),
     "weighted_sum": Case(features.weighted_sum, lambda h, w: (distances(h, w), distances(h, w) / 2), may_be_empty=True),
+    "feature_distances": Case(
+        lambda colour, texture: features.feature_distances(features.Features(colour, texture, np.zeros((0, 2)))),
+        lambda h, w: (histograms(h, w), histograms(h, w)[::-1]),
+        other_types="d",
+    ),
 } | {
     f"histogram_distances {name}": Case(
         partial(features.histogram_distances, distance=name), lambda h, w: (histograms(h, w),), other_types="d"
@@ -153,6 +181,7 @@ CASES = {
     **DISPARITY,
     **IMAGE_AND_LABELS,
     **REGIONS,
+    **SUPERPIXELS,
     **FLOATS,
     "to_grey": Case(to_grey, lambda h, w: (bgr(h, w),), other_dims=(2,)),
     "preemptive_slic": Case(superpixels.preemptive_slic, lambda h, w: (bgr(h, w),), other_dims=(2,)),
@@ -190,12 +219,14 @@ def test_table_is_complete() -> None:
     tested = {name.split()[0] for name in CASES} | {*matching.MATCHERS}
     public = {
         name
-        for module in (ground, superpixels, features, clustering, extension)
+        for module in (ground, superpixels, features, clustering, extension, propagation, memory)
         for name, value in vars(module).items()
         if not name.startswith("_") and callable(value) and getattr(value, "__module__", "") == module.__name__
     }
-    classes = {"GroundLine", "ShortRange", "Texture"}
-    assert tested == public - classes | {*matching.MATCHERS, "to_grey"}  # the last one stands in frame.py
+    classes = {"GroundLine", "ShortRange", "Texture", "Features", "Evidence", "Belief", "Propagation", "Memory"}
+    without_arrays = {"joined"}
+    in_frame_py = {"to_grey"}
+    assert tested == public - classes - without_arrays | {*matching.MATCHERS} | in_frame_py
 
 
 @every_place
@@ -251,7 +282,19 @@ def test_layout_does_not_matter(name: str, shape: tuple[int, int]) -> None:
 
 
 @pytest.mark.parametrize(
-    "name", [*PAIR, "select_cells", "back_project", *IMAGE_AND_LABELS, "extend area", "extend evidence", "weighted_sum"]
+    "name",
+    [
+        *PAIR,
+        "select_cells",
+        "back_project",
+        *IMAGE_AND_LABELS,
+        "extend area",
+        "extend evidence",
+        "count_evidence",
+        "propagate",
+        "weighted_sum",
+        "feature_distances",
+    ],
 )
 def test_arrays_of_different_size_are_refused(name: str) -> None:
     case = CASES[name]
@@ -260,7 +303,7 @@ def test_arrays_of_different_size_are_refused(name: str) -> None:
             case.function(*with_array(arrays, 0, others[0]))
 
 
-@pytest.mark.parametrize("name", [*IMAGE_AND_LABELS, *REGIONS])
+@pytest.mark.parametrize("name", [*IMAGE_AND_LABELS, *REGIONS, *SUPERPIXELS])
 @pytest.mark.parametrize("label", [-1, -(2**31), 2**31 - 1, 12 * 20])
 def test_labels_out_of_range_are_refused(name: str, label: int) -> None:
     case, arrays = CASES[name], CASES[name].make(12, 20)
@@ -299,15 +342,35 @@ def test_only_absurd_disparities_leave_all_unknown(value: float) -> None:
     assert found.u_disparity.shape == (2, 60)
 
 
-@pytest.mark.parametrize("name", FLOATS)
+@pytest.mark.parametrize("name", [*FLOATS, "propagate"])
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
 def test_numbers_that_are_not_finite_are_refused(name: str, value: float) -> None:
     case, arrays = CASES[name], CASES[name].make(12, 20)
     for place, array in enumerate(arrays):
-        changed = array.copy()
-        changed.flat[1] = value
-        with pytest.raises(ValueError, match=r"holds? values .*; give "):
-            case.function(*with_array(arrays, place, changed))
+        if array.dtype.kind == "f":
+            changed = array.copy()
+            changed.flat[1] = value
+            with pytest.raises(ValueError, match=r"holds? values .*; give "):
+                case.function(*with_array(arrays, place, changed))
+
+
+@pytest.mark.parametrize(
+    ("share", "ground", "message"),
+    [
+        (np.ones(2, np.float32), np.ones(2), r"remembered\.share is float32 \(2,\); give float64 \(2,\)"),
+        (np.ones(2), np.ones(3), r"remembered\.ground is float64 \(3,\); give float64 \(2,\)"),
+        (np.ones((2, 1)), np.ones(2), r"remembered\.share is float64 \(2, 1\); give float64 \(2,\)"),
+        (np.array([0, 1.5]), np.ones(2), r"remembered\.share holds values from 0 to 1\.5; give shares, 0 to 1"),
+        (np.ones(2), np.array([-0.5, 1]), r"remembered\.ground holds values from -0\.5 to 1; give shares, 0 to 1"),
+        (np.ones(2), np.array([np.nan, 1]), r"remembered\.ground holds values from nan to nan; give shares, 0 to 1"),
+        (np.ones(1), np.ones(1), "superpixels holds 9; give labels from 0 to 8"),  # one of 10 is remembered, says this
+        (np.ones(11), np.ones(11), "superpixels holds 9; give labels from 0 to -2"),
+    ],
+)
+def test_evidence_that_nobody_remembers_is_refused(share: Array, ground: Array, message: str) -> None:
+    arrays = CASES["propagate"].make(12, 20)
+    with pytest.raises(ValueError, match=message):
+        propagation.propagate(*arrays, remembered=propagation.Evidence(share, ground))
 
 
 def test_distances_of_all_magnitudes() -> None:

@@ -7,9 +7,10 @@ import pytest
 from numpy.typing import NDArray
 
 from lrtrav_ros.config import ExtensionConfig
-from lrtrav_ros.method.extension import connected_regions, extend
+from lrtrav_ros.method.extension import connected_regions, count_evidence, extend, touching_superpixels
 from lrtrav_ros.method.ground import GROUND, OBSTACLE, UNKNOWN
 
+EVIDENCE = ExtensionConfig(rule="evidence")
 SUPERPIXELS = np.repeat(np.arange(6, dtype=np.int32), 10)[None].repeat(4, axis=0)  # 4 x 60, each 4 x 10
 
 
@@ -27,6 +28,21 @@ def by_superpixel(image: NDArray[np.uint8]) -> list[int]:
     values = image.reshape(4, 6, 10).transpose(1, 0, 2).reshape(6, -1)
     assert (values == values[:, :1]).all()
     return values[:, 0].tolist()
+
+
+def test_superpixels_touch_in_rows_and_columns_but_not_across_corners() -> None:
+    superpixels = np.array([[0, 0, 1], [2, 3, 3]], np.int32)
+    touching = touching_superpixels(superpixels, 5)  # no pixel is of the last
+    assert touching.dtype == np.bool_
+    pairs = {(0, 1), (0, 2), (0, 3), (1, 3), (2, 3)}  # not 1 and 2
+    assert set(zip(*map(np.ndarray.tolist, np.nonzero(touching)), strict=True)) == pairs | {(b, a) for a, b in pairs}
+
+
+def test_evidence_is_counted_for_each_superpixel() -> None:
+    ground, obstacle, area = count_evidence(occupancy(c0_3=GROUND, c5_12=OBSTACLE, c59_60=GROUND), SUPERPIXELS, 7)
+    assert ground.tolist() == [12, 0, 0, 0, 0, 4, 0]
+    assert obstacle.tolist() == [20, 8, 0, 0, 0, 0, 0]
+    assert area.tolist() == [40] * 6 + [0]
 
 
 def test_connected_regions_split_a_cluster() -> None:
@@ -51,7 +67,7 @@ def test_area_keeps_short_range_ground_of_other_clusters() -> None:
 def test_evidence_counts_only_pixels_that_tell() -> None:
     clusters = np.array([0, 0, 1, 1, 2, 0], np.int32)
     short = occupancy(c0_3=GROUND, c20_22=GROUND, c22_25=OBSTACLE)
-    found = extend(short, SUPERPIXELS, clusters)
+    found = extend(short, SUPERPIXELS, clusters, EVIDENCE)
     assert by_superpixel(found[:, :20].repeat(3, axis=1)[:, :60])[:2] == [GROUND, GROUND]
     assert (found[:, 20:22] == GROUND).all()  # evidence itself stands
     assert (found[:, 22:40] == OBSTACLE).all()
@@ -61,28 +77,40 @@ def test_evidence_counts_only_pixels_that_tell() -> None:
 
 def test_evidence_of_a_region_counts_more_than_that_of_its_cluster() -> None:
     clusters = np.array([0, 0, 1, 0, 0, 1], np.int32)
-    found = extend(occupancy(c0_20=GROUND, c30_31=OBSTACLE), SUPERPIXELS, clusters)
+    found = extend(occupancy(c0_20=GROUND, c30_31=OBSTACLE), SUPERPIXELS, clusters, EVIDENCE)
     assert (found[:, 31:50] == OBSTACLE).all()
 
 
 def test_evidence_never_makes_an_obstacle_traversable() -> None:
-    found = extend(occupancy(c0_40=GROUND, c40_45=OBSTACLE), SUPERPIXELS, np.zeros(6, np.int32))
+    found = extend(occupancy(c0_40=GROUND, c40_45=OBSTACLE), SUPERPIXELS, np.zeros(6, np.int32), EVIDENCE)
     assert (found[:, 40:45] == OBSTACLE).all()
     assert (found[:, 45:] == GROUND).all()
 
 
 @pytest.mark.parametrize(("min_share", "expected"), [(0.3, GROUND), (0.5, OBSTACLE)])
 def test_share_that_makes_a_region_traversable(min_share: float, expected: int) -> None:
-    config = ExtensionConfig(min_share=min_share)
+    config = ExtensionConfig(rule="evidence", min_share=min_share)
     found = extend(occupancy(c0_4=GROUND, c4_10=OBSTACLE), SUPERPIXELS, np.zeros(6, np.int32), config)
     assert (found[:, 10:] == expected).all()
 
 
 def test_images_of_different_size_are_refused() -> None:
     with pytest.raises(ValueError, match=r"occupancy is uint8 \(4, 59\); give uint8 \(4, 60\)"):
-        extend(occupancy()[:, :59], SUPERPIXELS, np.zeros(6, np.int32))
+        extend(occupancy()[:, :59], SUPERPIXELS, np.zeros(6, np.int32), EVIDENCE)
 
 
 def test_other_values_than_those_of_an_occupancy_are_refused() -> None:
     with pytest.raises(ValueError, match="occupancy has other values than 0 ground, 100 obstacle and 255 unknown"):
-        extend(occupancy(c0_20=7), SUPERPIXELS, np.zeros(6, np.int32))
+        extend(occupancy(c0_20=7), SUPERPIXELS, np.zeros(6, np.int32), EVIDENCE)
+
+
+def test_the_rule_without_clusters_is_refused() -> None:
+    clusters = np.zeros(6, np.int32)
+    with pytest.raises(
+        ValueError, match=r"extension\.rule 'propagation' takes no clusters; give one of area, evidence"
+    ):
+        extend(occupancy(c0_20=GROUND), SUPERPIXELS, clusters, ExtensionConfig(rule="propagation"))
+    np.testing.assert_array_equal(
+        extend(occupancy(c0_20=GROUND), SUPERPIXELS, clusters),
+        extend(occupancy(c0_20=GROUND), SUPERPIXELS, clusters, EVIDENCE),
+    )

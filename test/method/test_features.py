@@ -12,13 +12,18 @@ from lrtrav_ros.config import FeaturesConfig
 from lrtrav_ros.method.features import (
     DISTANCES,
     TEXTURES,
+    Features,
     centre_symmetric_pattern,
     colour_histograms,
+    feature_distances,
     histogram_distances,
+    joined,
     local_binary_pattern,
     local_homogeneity,
     local_ternary_patterns,
+    log_chromaticity,
     superpixel_distances,
+    superpixel_features,
     texture_histograms,
     weber_descriptor,
     weighted_sum,
@@ -148,6 +153,88 @@ def test_quadrants_of_one_kind_are_closer(cues: str) -> None:
     for i, j in itertools.combinations(range(4), 2):
         if cues != "texture" or 3 in (i, j):
             assert found[2 * i, 2 * i + 1] < found[2 * i, 2 * j]
+
+
+BROWN, GREEN = np.array([60, 90, 120]), np.array([50, 140, 90])  # blue, green, red
+
+
+def stripes(*colours: NDArray[np.int64]) -> tuple[NDArray[np.uint8], NDArray[np.int32]]:
+    """Return an image of 20 rows with a stripe of 15 columns for each colour, and the stripes as superpixels."""
+    labels = np.repeat(np.arange(len(colours), dtype=np.int32), 15)[None].repeat(20, axis=0)
+    return np.array(colours, np.uint8)[labels], labels
+
+
+def test_chromaticity_is_the_logarithm_of_the_ratios_to_green() -> None:
+    found = log_chromaticity(*stripes(BROWN, GREEN))
+    assert found.dtype == np.float64
+    # some grey levels are added to each, so that ratios in the dark are not all noise
+    np.testing.assert_allclose(found[0], [np.log(60 / 90), np.log(120 / 90)], atol=0.03)
+    np.testing.assert_allclose(found[1], [np.log(50 / 140), np.log(90 / 140)], atol=0.06)
+
+
+def test_chromaticity_of_what_lies_in_the_shade_is_nearly_the_same() -> None:
+    image, labels = stripes(BROWN, GREEN, (0.4 * BROWN).astype(int), (0.4 * GREEN).astype(int))
+    chromaticity = log_chromaticity(image, labels)
+    shaded = np.linalg.norm(chromaticity[:2] - chromaticity[2:], axis=1)
+    assert shaded.max() < 0.1
+    assert np.linalg.norm(chromaticity[0] - chromaticity[1]) > 5 * shaded.max()
+    colours = histogram_distances(colour_histograms(image, labels))
+    assert colours[0, 2] == pytest.approx(colours[0, 1])  # to a histogram, shade is another colour
+
+
+def test_chromaticity_of_a_blend_is_that_of_the_mean_colour() -> None:
+    image, labels = stripes(BROWN, BROWN, (BROWN + GREEN) // 2)
+    image[::2, :15] = GREEN  # every other row, in all of the first stripe
+    chromaticity = log_chromaticity(image, labels)
+    np.testing.assert_allclose(chromaticity[0], chromaticity[2], atol=1e-12)
+    assert np.linalg.norm(chromaticity[0] - chromaticity[1]) > 0.2
+
+
+def test_chromaticity_of_grey_is_zero() -> None:
+    image, labels = stripes(*(np.full(3, level) for level in (0, 1, 128, 255)))
+    np.testing.assert_array_equal(log_chromaticity(image, labels), np.zeros((4, 2)))
+    np.testing.assert_array_equal(log_chromaticity(image[..., 1], labels), np.zeros((4, 2)))
+
+
+def test_chromaticity_of_a_label_without_pixels_is_zero() -> None:
+    image, labels = stripes(BROWN, GREEN)
+    found = log_chromaticity(image, labels * 2)
+    np.testing.assert_array_equal(found[1], [0, 0])
+    np.testing.assert_array_equal(found[::2], log_chromaticity(image, labels))
+
+
+@pytest.mark.parametrize("cues", ["both", "colour", "texture"])
+@pytest.mark.parametrize("texture", ["wld", "cs_lbp"])
+def test_distances_of_features_are_those_of_the_image(cues: str, texture: str) -> None:
+    image, labels = quadrants()
+    config = FeaturesConfig(cues=cues, texture=texture)
+    features = superpixel_features(image, labels, config)
+    assert (len(features), features.texture.shape) == (4, (4, TEXTURES[texture].n_bins))
+    np.testing.assert_array_equal(features.colour, colour_histograms(image, labels))
+    np.testing.assert_array_equal(features.chromaticity, log_chromaticity(image, labels))
+    np.testing.assert_array_equal(feature_distances(features, config), superpixel_distances(image, labels, config))
+
+
+def test_features_of_several_images_are_joined_in_their_order() -> None:
+    image, labels = quadrants()
+    features = superpixel_features(image, labels)
+    others = features.chosen(np.array([3, 1]))
+    both = joined([features, others])
+    assert (len(others), len(both)) == (2, 6)
+    for name in ("colour", "texture", "chromaticity"):
+        np.testing.assert_array_equal(getattr(both, name), getattr(features, name)[[0, 1, 2, 3, 3, 1]])
+    distances = feature_distances(both)
+    np.testing.assert_allclose(distances[[3, 1], [4, 5]], 0, atol=1e-6)
+    assert distances[0, 1] > 0.1
+    assert len(features.chosen(np.array([], np.intp))) == 0
+    with pytest.raises(ValueError, match="at least one array"):
+        joined([])
+
+
+def test_features_need_histograms() -> None:
+    none = np.zeros((4, 0), np.float32)
+    with pytest.raises(ValueError, match=r"histograms is float32 \(4, 0\); give float32 or float64 \(n, bins\)"):
+        feature_distances(Features(none, none, np.zeros((4, 2))))
 
 
 def test_unknown_names() -> None:

@@ -19,7 +19,7 @@ from lrtrav_ros.method import clustering, extension, features, ground, matching
         ("features.texture", features.TEXTURES),
         ("features.distance", features.DISTANCES),
         ("clustering.centres", clustering.CENTRES),
-        ("extension.rule", extension.RULES),
+        ("extension.rule", (*extension.RULES, "propagation")),  # the last takes no clusters: `propagation`
     ],
 )
 def test_choices_are_what_there_is(setting: str, registry: Collection[str]) -> None:

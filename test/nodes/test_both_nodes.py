@@ -41,6 +41,7 @@ SETTINGS = {
     "stereo.n_disparities": N_DISPARITIES,
     "superpixels.n_superpixels": 40,
     "clustering.k": 3,
+    "memory.frames": 0,  # each frame is compared with what the detector finds in it alone
 }
 STAMPS = itertools.count(1_700_000_000_123_456_789, 100_000_000)
 OUTPUTS = ("short_range/mask", "short_range/occupancy", "long_range/mask", "long_range/occupancy")
@@ -290,6 +291,7 @@ def drawn(detection):
         ("short_range/obstacle_disparity", "32FC1", lambda detection: detection.short_range.obstacle_disparity),
         ("long_range/superpixels", "mono16", lambda detection: detection.long_range.superpixels),
         ("long_range/clusters", "mono16", lambda detection: detection.long_range.clusters),
+        ("long_range/confidence", "mono8", lambda detection: detection.long_range.confidence),
         ("long_range/overlay", "bgr8", drawn),
     ],
 )
@@ -312,6 +314,8 @@ def test_debug_topics_cost_nothing_when_nobody_subscribes(graph, monkeypatch):
     calls = []
     monkeypatch.setattr("lrtrav_ros.nodes.long_range_node.overlay", lambda *arguments: calls.append(arguments))
     monkeypatch.setattr("lrtrav_ros.nodes.messages.as_uint16", calls.append)
+    monkeypatch.setattr("lrtrav_ros.nodes.endpoints.array_to_image", lambda *arguments: calls.append(arguments))
+    monkeypatch.setattr("lrtrav_ros.detector.spectral_clusters", lambda *arguments: calls.append(arguments))
     stamp = next(STAMPS)
     publish(graph, *stereo_pair(), stamp)
     graph.at("long_range/occupancy", stamp)

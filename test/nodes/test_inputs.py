@@ -19,7 +19,12 @@ from lrtrav_ros.nodes.long_range_node import LongRangeNode
 from lrtrav_ros.nodes.messages import array_to_image, disparity_to_message
 from lrtrav_ros.nodes.short_range_node import ShortRangeNode
 
-SETTINGS = {"stereo.matcher": "bm", "stereo.n_disparities": N_DISPARITIES, "superpixels.n_superpixels": 40}
+SETTINGS = {
+    "stereo.matcher": "bm",
+    "stereo.n_disparities": N_DISPARITIES,
+    "superpixels.n_superpixels": 40,
+    "memory.frames": 0,  # each frame is compared with what the detector finds in it alone
+}
 STAMPS = itertools.count(1_700_000_000_000_000_000, 100_000_000)
 
 

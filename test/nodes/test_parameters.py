@@ -11,11 +11,12 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from ros_graph import process_starter
 
-from lrtrav_ros.config import LONG_RANGE_STAGES, SHORT_RANGE_STAGES, Config, parameters
+from lrtrav_ros.config import LONG_RANGE_STAGES, NODE_DEFAULTS, SHORT_RANGE_STAGES, Config, parameters
 from lrtrav_ros.io.parameter_file import read_parameter_file
 from lrtrav_ros.nodes.parameters import Settings
 
-STAGES = ("threads", "source", "stereo", "superpixels", "clustering", "extension")
+STAGES = ("threads", "source", "stereo", "superpixels", "clustering", "extension", "memory")
+DEFAULTS = Config().updated(NODE_DEFAULTS)
 NAMES = itertools.count()
 
 
@@ -42,11 +43,11 @@ def set_all(node, **values):
 def test_all_parameters_of_the_stages_are_declared_with_default_and_description(make):
     node, settings = make()
     expected = {known.name: known for known in parameters() if known.stage in STAGES}
-    assert settings.config == Config()
+    assert settings.config == DEFAULTS
     assert not node.has_parameter("elas.beta")
     for name, known in expected.items():
         descriptor = node.describe_parameter(name)
-        assert node.get_parameter(name).value == known.default
+        assert node.get_parameter(name).value == DEFAULTS.values()[name]
         assert known.description in descriptor.description
         assert descriptor.read_only == known.read_only
     integer = node.describe_parameter("stereo.n_disparities").integer_range[0]
@@ -58,7 +59,13 @@ def test_all_parameters_of_the_stages_are_declared_with_default_and_description(
 
 def test_values_given_at_the_start_count(make):
     _, settings = make(stereo__matcher="bm", superpixels__compactness=15)
-    assert settings.config == Config().updated({"stereo.matcher": "bm", "superpixels.compactness": 15.0})
+    assert settings.config == DEFAULTS.updated({"stereo.matcher": "bm", "superpixels.compactness": 15.0})
+
+
+@pytest.mark.parametrize(("overrides", "n_frames"), [({}, 5), ({"preset": "paper"}, 5), ({"memory__frames": 2}, 2)])
+def test_nodes_remember_five_frames_unless_told_otherwise(make, overrides, n_frames):
+    node, settings = make(**overrides)
+    assert settings.config.memory.frames == node.get_parameter("memory.frames").value == n_frames
 
 
 def test_a_preset_gives_the_defaults_and_single_values_win(make):
@@ -131,7 +138,7 @@ front/short_range:
 /front/**:
   ros__parameters: {threads: 3, preset: paper}
 /front/long_range:
-  ros__parameters: {features.cues: colour}
+  ros__parameters: {features.cues: colour, memory.frames: 3}
 """
 
 
@@ -142,13 +149,18 @@ def test_a_file_gives_a_node_what_it_gives_offline(ros, tmp_path, text, name, st
     path.write_text(text, encoding="utf-8")
     arguments = ["--ros-args", "--params-file", str(path)]
     node = Node(name, namespace="front", cli_args=arguments, use_global_arguments=False, enable_rosout=False)
-    online, offline = Settings(node, stages).config.values(), read_parameter_file(path).config().values()
+    file = read_parameter_file(path)
+    online = Settings(node, stages).config.values()
+    offline = {
+        **file.config().values(),
+        **{name: NODE_DEFAULTS[name] for name in NODE_DEFAULTS if name not in file.values},
+    }
     node.destroy_node()
     own = [known.name for known in parameters() if known.stage in stages]
     if name == "long_range":  # offline, the short-range node's source counts
         own = [known for known in own if known.partition(".")[0] != "source"]
     assert {known: online[known] for known in own} == {known: offline[known] for known in own}
-    assert offline != Config().values()
+    assert file.config() != Config()
 
 
 def test_a_file_with_a_misspelt_name_ends_the_executable_with_status_2(tmp_path):
@@ -169,8 +181,8 @@ def test_a_change_takes_effect_and_makes_a_new_configuration(make):
     node, settings = make()
     before = settings.config
     assert set_all(node, stereo__n_disparities=64, superpixels__compactness=15).successful
-    assert settings.config == Config().updated({"stereo.n_disparities": 64, "superpixels.compactness": 15.0})
-    assert before == Config()
+    assert settings.config == DEFAULTS.updated({"stereo.n_disparities": 64, "superpixels.compactness": 15.0})
+    assert before == DEFAULTS
 
 
 @pytest.mark.parametrize(

@@ -17,11 +17,37 @@ compiled = compile_kernels(Config())
 print(compiled, len(_kernels()) > 20)
 """
 
+FRAMES = """
+import numpy as np
+from lrtrav_ros import Config, Detector, StereoCamera
+from lrtrav_ros.config import NODE_DEFAULTS
+from lrtrav_ros.nodes.warm_up import _kernels, compile_kernels
+
+def count():
+    return sum(len(kernel.signatures) for kernel in _kernels())
+
+config = Config().updated(NODE_DEFAULTS)
+compile_kernels(config)
+before = count()
+detector = Detector(config, StereoCamera(fx=200.0, cx=100.0, cy=40.0, baseline_m=0.2))
+left = np.random.default_rng(0).integers(0, 256, (160, 200, 3), np.uint8)
+ground = np.repeat(np.maximum(0.2 * (np.arange(160, dtype=np.float32) - 40), 0)[:, None], 200, axis=1)
+for _ in range(2):
+    found = detector.detect(left, disparity=ground)
+    print(found.clusters.shape, found.long_range.confidence.shape)
+print(len(detector.long_range.memory) > 0, before > 20, count() - before)
+"""
+
 
 def test_kernels_are_compiled_once_and_then_loaded() -> None:
     subprocess.run([sys.executable, "-c", CODE], check=True)
     again = subprocess.run([sys.executable, "-c", CODE], check=True, capture_output=True, text=True)
     assert again.stdout.strip() == "False True"
+
+
+def test_frames_with_memory_confidence_and_clusters_compile_nothing_more() -> None:
+    done = subprocess.run([sys.executable, "-c", FRAMES], check=True, capture_output=True, text=True)
+    assert done.stdout.splitlines() == ["(160, 200) (160, 200)"] * 2 + ["True True 0"]
 
 
 @pytest.mark.parametrize(("compiled", "starts"), [(True, 1), (False, 0)])

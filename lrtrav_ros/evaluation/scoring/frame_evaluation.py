@@ -75,7 +75,7 @@ def make_setup(
     Raises
     ------
     ValueError
-        If a name in `values` is unknown or a value does not fit, or there are no seeds.
+        If a name in `values` is unknown or a value does not fit, a memory is asked for, or there are no seeds.
     """
     if n_seeds < 1:
         raise ValueError(f"the number of seeds is {n_seeds}; give at least 1")
@@ -84,6 +84,11 @@ def make_setup(
         config = dataclasses.replace(method.configuration(values), threads=1)
         seeded.append(SeededMethod(method, tuple(_with_seeds(config, n_seeds if method.is_random else 1))))
     geometry = Config.preset("robust").updated({**values, "source.max_depth_m": 0.0, "threads": 1})
+    if geometry.memory.frames:
+        raise ValueError(
+            f"memory.frames is {geometry.memory.frames}, but frames are evaluated one by one, each without those "
+            "before it; set it to 0, or detect with `lrtrav detect` and score its masks"
+        )
     return Setup(tuple(seeded), geometry, save_masks)
 
 

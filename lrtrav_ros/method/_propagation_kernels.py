@@ -1,0 +1,66 @@
+"""Compiled parts of propagation. The arguments are checked, and the method explained, in `propagation`."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lrtrav_ros.numerics.kernels import kernel
+
+GROUND = 0
+OBSTACLE = 100
+UNKNOWN = 255
+
+
+@kernel
+def nearest(
+    distances: NDArray[np.float64], places: NDArray[np.float64], n_nearest: int
+) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Return the nearest others of each item by matrix and place together, (n, n_nearest), and how far squared."""
+    n = len(distances)
+    others = np.zeros((n, n_nearest), np.int64)
+    squared = np.full((n, n_nearest), np.inf)
+    for i in range(n):
+        for j in range(n):
+            d = distances[i, j] * distances[i, j]
+            for k in range(places.shape[1]):
+                d += (places[i, k] - places[j, k]) ** 2
+            if i == j or n_nearest == 0 or d >= squared[i, n_nearest - 1]:
+                continue
+            k = n_nearest - 1
+            while k > 0 and squared[i, k - 1] > d:
+                squared[i, k], others[i, k] = squared[i, k - 1], others[i, k - 1]
+                k -= 1
+            squared[i, k], others[i, k] = d, j
+    return others, squared
+
+
+@kernel
+def survey(occupancy: NDArray[np.uint8], superpixels: NDArray[np.int32], sums: NDArray[np.int64]) -> None:
+    """Add up ground, obstacle and unknown pixels, all pixels, their rows and columns in each superpixel, (n, 6)."""
+    for v in range(superpixels.shape[0]):
+        for u in range(superpixels.shape[1]):
+            row = sums[superpixels[v, u]]
+            row[0] += occupancy[v, u] == GROUND
+            row[1] += occupancy[v, u] == OBSTACLE
+            row[2] += occupancy[v, u] == UNKNOWN
+            row[3] += 1
+            row[4] += v
+            row[5] += u
+
+
+@kernel
+def label_pixels(
+    occupancy: NDArray[np.uint8],
+    superpixels: NDArray[np.int32],
+    labels: NDArray[np.uint8],
+    confidences: NDArray[np.uint8],
+    extended: NDArray[np.uint8],
+    confidence: NDArray[np.uint8],
+) -> None:
+    """Write the label and the confidence of each pixel: rows of both are for ground, obstacle and unknown pixels."""
+    for v in range(occupancy.shape[0]):
+        for u in range(occupancy.shape[1]):
+            row = 0 if occupancy[v, u] == GROUND else (1 if occupancy[v, u] == OBSTACLE else 2)
+            extended[v, u] = labels[row, superpixels[v, u]]
+            confidence[v, u] = confidences[row, superpixels[v, u]]

@@ -1,0 +1,197 @@
+"""The long-range node alone, over DDS: its memory and what makes it forget, and confidence."""
+
+import itertools
+import threading
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy")
+
+from rcl_interfaces.srv import SetParameters
+from rclpy.parameter import Parameter
+from ros_graph import HEIGHT, WIDTH, Graph, image
+from sensor_msgs.msg import Image
+from std_srvs.srv import Empty
+
+from lrtrav_ros.config import NODE_DEFAULTS, Config
+from lrtrav_ros.detector import LongRangeDetector
+from lrtrav_ros.io.encodings import decode_message
+from lrtrav_ros.io.message_frames import header_stamp_ns
+from lrtrav_ros.nodes.long_range_node import LongRangeNode
+
+SETTINGS = {"superpixels.n_superpixels": 40}
+CONFIG = Config().updated({**SETTINGS, **NODE_DEFAULTS})
+PERIOD_NS = 100_000_000
+RUNS = itertools.count(1_700_000_000, 1000)
+
+
+@pytest.fixture(scope="module")
+def shared_graph(ros):
+    graph = Graph(LongRangeNode, namespace="long", settings=SETTINGS)
+    for topic in ("long_range/mask", "long_range/occupancy"):
+        graph.listen(Image, topic)
+    yield graph
+    graph.close()
+
+
+@pytest.fixture
+def graph(shared_graph):
+    """The node with its first parameters; each test has stamps of its own, far from those before."""
+    yield shared_graph
+    set_parameters(shared_graph, {name: CONFIG.values()[name] for name in CHANGED_BY_TESTS})
+
+
+CHANGED_BY_TESTS = (
+    *("superpixels.n_superpixels", "features.texture", "extension.rule", "extension.min_share"),
+    *("memory.frames", "memory.max_gap_s"),
+)
+
+
+def frame(*, is_near):
+    """Return a hedge above ground, and what short range says: all of it, or only of the ground's lowest rows."""
+    left = np.random.default_rng(is_near).integers(0, 40, (HEIGHT, WIDTH, 3))
+    left[: HEIGHT // 2] += (30, 140, 60)
+    left[HEIGHT // 2 :] += (120, 110, 100)
+    occupancy = np.full((HEIGHT, WIDTH), 255, np.uint8)
+    occupancy[90:] = 0
+    if is_near:
+        occupancy[: HEIGHT // 2], occupancy[HEIGHT // 2 :] = 100, 0
+    return left.astype(np.uint8), occupancy
+
+
+NEAR, FAR = frame(is_near=True), frame(is_near=False)
+
+
+def alone(config=CONFIG):
+    """Return the far frame's mask where nothing is remembered."""
+    return LongRangeDetector(config).detect(*FAR).mask
+
+
+def remembered():
+    """Return the far frame's mask after the near frame."""
+    detector = LongRangeDetector(CONFIG)
+    detector.detect(*NEAR, stamp_ns=0)
+    return detector.detect(*FAR, stamp_ns=PERIOD_NS).mask
+
+
+def detected(graph, pair, stamp):
+    """Publish a frame, and return the mask that the node answers with."""
+    left, occupancy = pair
+    graph.publish("left/image_rect", image(left, stamp))
+    graph.publish("short_range/occupancy", image(occupancy, stamp))
+    return decode_message(graph.at("long_range/mask", stamp))
+
+
+def start(graph):
+    """Let the node see the near frame, long after all others, and return the stamp of the next one."""
+    stamp = next(RUNS) * 10**9
+    detected(graph, NEAR, stamp)
+    return stamp + PERIOD_NS
+
+
+def call(graph, kind, name, request):
+    client = graph.tester.create_client(kind, name)
+    graph.spin_until(client.service_is_ready)
+    future = client.call_async(request)
+    graph.spin_until(future.done)
+    graph.tester.destroy_client(client)
+    return future.result()
+
+
+def set_parameters(graph, values):
+    parameters = [Parameter(name, value=value).to_parameter_msg() for name, value in values.items()]
+    answer = call(graph, SetParameters, "long_range/set_parameters", SetParameters.Request(parameters=parameters))
+    assert [result.reason for result in answer.results] == [""] * len(values)
+
+
+def reset(graph):
+    call(graph, Empty, "long_range/reset_memory", Empty.Request())
+
+
+def test_what_was_near_teaches_the_next_frame(graph):
+    stamp = start(graph)
+    mask = detected(graph, FAR, stamp)
+    np.testing.assert_array_equal(mask, remembered())
+    # The hedge is known from the frame before; in the frame alone, nothing speaks against it.
+    assert np.mean(mask[: HEIGHT // 2]) == 0
+    assert np.mean(alone()[: HEIGHT // 2]) == 255
+    np.testing.assert_array_equal(detected(graph, FAR, stamp + PERIOD_NS), mask)
+
+
+def test_the_service_makes_it_forget(graph):
+    stamp = start(graph)
+    reset(graph)
+    np.testing.assert_array_equal(detected(graph, FAR, stamp), alone())
+    np.testing.assert_array_equal(detected(graph, NEAR, stamp + PERIOD_NS)[: HEIGHT // 2], 0)
+    np.testing.assert_array_equal(detected(graph, FAR, stamp + 2 * PERIOD_NS)[: HEIGHT // 2], 0)
+
+
+def test_a_frame_at_hand_ends_as_it_began_and_the_one_after_a_reset_remembers_nothing(graph, monkeypatch):
+    entered, gate = threading.Event(), threading.Event()
+    detect = LongRangeDetector.detect
+
+    def gated(self, *args, **options):
+        entered.set()
+        assert gate.wait(10)
+        return detect(self, *args, **options)
+
+    stamp = start(graph)
+    monkeypatch.setattr(LongRangeDetector, "detect", gated)
+    left, occupancy = FAR
+    graph.publish("left/image_rect", image(left, stamp))
+    graph.publish("short_range/occupancy", image(occupancy, stamp))
+    graph.spin_until(entered.is_set)
+    reset(graph)
+    gate.set()
+    np.testing.assert_array_equal(decode_message(graph.at("long_range/mask", stamp)), remembered())
+    np.testing.assert_array_equal(detected(graph, FAR, stamp + PERIOD_NS), alone())
+
+
+@pytest.mark.parametrize(("step_s", "is_remembered"), [(1.9, True), (2.1, False), (-0.1, False), (0.0, True)])
+def test_a_jump_in_time_makes_it_forget(graph, step_s, is_remembered):
+    stamp = start(graph) - PERIOD_NS + round(step_s * 1e9)
+    if step_s == 0:  # a stamp again, as of a camera that stands: the mask of before must not count as the new one
+        graph.received["long_range/mask"].clear()
+    np.testing.assert_array_equal(detected(graph, FAR, stamp), remembered() if is_remembered else alone())
+
+
+@pytest.mark.parametrize("values", [{"features.texture": "cs_lbp"}, {"memory.frames": 3}, {"memory.max_gap_s": 3.0}])
+def test_parameters_of_features_and_memory_make_it_forget(graph, values):
+    stamp = start(graph)
+    set_parameters(graph, values)
+    np.testing.assert_array_equal(detected(graph, FAR, stamp), alone(CONFIG.updated(values)))
+
+
+def test_other_parameters_leave_the_memory(graph):
+    stamp = start(graph)
+    values = {"extension.min_share": 0.6, "superpixels.n_superpixels": 60}
+    set_parameters(graph, values)
+    detector = LongRangeDetector(CONFIG)
+    detector.detect(*NEAR)
+    expected = LongRangeDetector(CONFIG.updated(values), memory=detector.memory).detect(*FAR).mask
+    np.testing.assert_array_equal(detected(graph, FAR, stamp), expected)
+    assert np.mean(expected[: HEIGHT // 2]) == 0
+
+
+def test_without_memory_each_frame_stands_alone(graph):
+    set_parameters(graph, {"memory.frames": 0})
+    np.testing.assert_array_equal(detected(graph, FAR, start(graph)), alone())
+
+
+def test_confidence_is_published_only_by_the_rule_that_finds_it(graph):
+    stamp = start(graph)
+    subscription = graph.listen(Image, "long_range/confidence")
+    publisher = next(p for p in graph.nodes[0].publishers if p.topic_name == "/long/long_range/confidence")
+    graph.spin_until(lambda: publisher.get_subscription_count() == 1)
+    set_parameters(graph, {"extension.rule": "evidence"})
+    detected(graph, FAR, stamp)
+    set_parameters(graph, {"extension.rule": "propagation"})
+    reset(graph)
+    detected(graph, FAR, stamp + PERIOD_NS)
+    message = graph.at("long_range/confidence", stamp + PERIOD_NS)
+    assert (message.encoding, message.header.frame_id) == ("mono8", "left_optical")
+    np.testing.assert_array_equal(decode_message(message), LongRangeDetector(CONFIG).detect(*FAR).confidence)
+    assert stamp not in [header_stamp_ns(message) for message in graph.received["long_range/confidence"]]
+    graph.tester.destroy_subscription(subscription)
+    graph.spin_until(lambda: publisher.get_subscription_count() == 0)
