@@ -11,6 +11,8 @@ from lrtrav_ros.method.features import Features, joined
 from lrtrav_ros.method.propagation import NOTHING_REMEMBERED, Belief, Evidence
 
 _MAX_REMEMBERED = 120  # superpixels, whatever the number of frames: what they cost is bounded
+_SAME_PLACE_S = 0.25  # later, things are elsewhere in the image
+_RECALLED = 0.25  # of the weight that a superpixel of the frame itself has
 _LEAST_SHARE = 0.5  # of a superpixel that is judged, to be remembered
 
 
@@ -52,6 +54,8 @@ class Memory:
             passed_s = (stamp_ns - self._stamp_ns) / 1e9
             if not 0 <= passed_s <= self.config.max_gap_s:
                 self.clear()
+            if passed_s > _SAME_PLACE_S:
+                self.belief = None
         self._stamp_ns = stamp_ns
 
     def recall(self, features: Features) -> tuple[Features, Evidence]:
@@ -72,4 +76,4 @@ class Memory:
         known = np.flatnonzero(evidence.share >= _LEAST_SHARE)
         n_kept = min(len(known), _MAX_REMEMBERED // self.config.frames)
         kept = known[np.linspace(0, len(known) - 1, n_kept).astype(np.intp)]
-        self._frames.append((features.chosen(kept), Evidence(evidence.share[kept], evidence.ground[kept])))
+        self._frames.append((features.chosen(kept), Evidence(_RECALLED * evidence.share[kept], evidence.ground[kept])))

@@ -41,6 +41,7 @@ _TIE_WEIGHT = 3.0
 _NEIGHBOUR_SCALE = 1.2  # times the median distance of neighbours
 _EVIDENCE_WEIGHT = 10.0
 _VOTE_WEIGHT = 0.2
+_UNANIMITY_WEIGHT = 0.4  # more of a vote that all are of one mind in
 _BELIEF_WEIGHT = 0.5  # at most, of the frame before
 _SAME_PLACE = 0.03  # of the image's height
 _UNDECIDED = 0.5
@@ -255,8 +256,9 @@ def _held(
     chromaticity: NDArray[np.float64],
 ) -> Evidence:
     """Return how strongly vote and the frame before hold each superpixel, and at what."""
+    held = _VOTE_WEIGHT + _UNANIMITY_WEIGHT * (2 * vote - 1) ** 2
     if before is None or not len(before.traversable):
-        return Evidence(np.full(len(vote), _VOTE_WEIGHT), vote)
+        return Evidence(held, vote)
     now = np.column_stack([places / _SAME_PLACE, chromaticity / _VOTE_CHROMATICITY])
     then = np.column_stack([before.places / _SAME_PLACE, before.chromaticity / _VOTE_CHROMATICITY])
     exponent = np.zeros((len(now), len(then)))
@@ -266,7 +268,7 @@ def _held(
     total = alike.sum(axis=1)
     weight = _BELIEF_WEIGHT * alike.max(axis=1)
     found = np.divide(alike @ before.traversable, total, out=vote.copy(), where=total > _NO_VOTES)
-    return Evidence(_VOTE_WEIGHT + weight, (_VOTE_WEIGHT * vote + weight * found) / (_VOTE_WEIGHT + weight))
+    return Evidence(held + weight, (held * vote + weight * found) / (held + weight))
 
 
 def _most_alike(

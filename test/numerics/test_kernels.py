@@ -32,7 +32,7 @@ def imports(path: Path) -> set[str]:
 
 def test_there_are_kernels() -> None:
     found = {path.stem for path in KERNELS}
-    names = ("elas", "extension", "features", "ground", "raycasting", "superpixels")
+    names = ("elas", "extension", "features", "ground", "propagation", "raycasting", "superpixels")
     assert found == {f"_{name}_kernels" for name in names}
 
 
