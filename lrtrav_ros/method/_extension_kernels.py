@@ -21,10 +21,10 @@ def mark_neighbours(superpixels: NDArray[np.int32], touching: NDArray[np.bool_])
     """Mark each pair of different labels (n, n) that meet in a row or a column."""
     height, width = superpixels.shape
     for v in range(height):
+        for u in range(width - 1):
+            if superpixels[v, u] != superpixels[v, u + 1]:
+                touching[superpixels[v, u], superpixels[v, u + 1]] = True
+    for v in range(height - 1):
         for u in range(width):
-            here = superpixels[v, u]
-            right, below = superpixels[v, min(u + 1, width - 1)], superpixels[min(v + 1, height - 1), u]
-            if here != right:
-                touching[here, right] = True
-            if here != below:
-                touching[here, below] = True
+            if superpixels[v, u] != superpixels[v + 1, u]:
+                touching[superpixels[v, u], superpixels[v + 1, u]] = True

@@ -44,11 +44,19 @@ def look_up(
 
 @kernel
 def add_colours(image: NDArray[np.uint8], superpixels: NDArray[np.int32], sums: NDArray[np.int64]) -> None:
-    """Add each pixel's blue, green and red, and a count of 1, to the row (n, 4) of its superpixel."""
+    """Add each pixel's blue, green and red, and a count of 1, to the row (n, 4) of its superpixel, run by run."""
+    width = image.shape[1]
     for v in range(image.shape[0]):
-        for u in range(image.shape[1]):
-            label = superpixels[v, u]
-            sums[label, 0] += image[v, u, 0]
-            sums[label, 1] += image[v, u, 1]
-            sums[label, 2] += image[v, u, 2]
-            sums[label, 3] += 1
+        u = 0
+        while u < width:
+            first, label = u, superpixels[v, u]
+            blue = green = red = 0
+            while u < width and superpixels[v, u] == label:
+                blue += image[v, u, 0]
+                green += image[v, u, 1]
+                red += image[v, u, 2]
+                u += 1
+            sums[label, 0] += blue
+            sums[label, 1] += green
+            sums[label, 2] += red
+            sums[label, 3] += u - first

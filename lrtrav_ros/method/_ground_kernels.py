@@ -213,7 +213,7 @@ def mark_faces(
         seen_through = 0
         for v in range(disparity.shape[0]):
             d = disparity[v, u]
-            if d <= 0:
+            if d <= 0 or expected[v, u] <= -noise:  # all is an obstacle above the horizon
                 continue
             ground = max(expected[v, u], 0.0)
             in_contact = ground >= (1 - margin) * face - noise / 2
@@ -271,6 +271,8 @@ def drops(
         rim, first, edge, edge_ground, face = 2 * height, -1, 0.0, 0.0, 0.0
         for v in range(height - 1, -1, -1):
             d, ground = disparity[v, u], expected[v, u]
+            if ground <= 0:
+                break
             if d <= 0:
                 continue
             if first >= 0 and abs(d - face) <= _SAME * face + _SAME_PX and ground > (1 + margin) * d + noise / 2:

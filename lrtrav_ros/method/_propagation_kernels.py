@@ -14,18 +14,20 @@ UNKNOWN = 255
 
 @kernel
 def nearest(
-    distances: NDArray[np.float64], places: NDArray[np.float64], n_nearest: int
+    distances: NDArray[np.float64], scale: float, places: NDArray[np.float64], n_nearest: int
 ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Return the nearest others of each item by matrix and place together, (n, n_nearest), and how far squared."""
+    """Return the nearest others of each item by scaled matrix and place, (n, n_nearest), and how far squared."""
     n = len(distances)
     others = np.zeros((n, n_nearest), np.int64)
     squared = np.full((n, n_nearest), np.inf)
     for i in range(n):
         for j in range(n):
-            d = distances[i, j] * distances[i, j]
+            d = (scale * distances[i, j]) ** 2
+            if i == j or n_nearest == 0 or d >= squared[i, n_nearest - 1]:
+                continue
             for k in range(places.shape[1]):
                 d += (places[i, k] - places[j, k]) ** 2
-            if i == j or n_nearest == 0 or d >= squared[i, n_nearest - 1]:
+            if d >= squared[i, n_nearest - 1]:
                 continue
             k = n_nearest - 1
             while k > 0 and squared[i, k - 1] > d:
@@ -38,15 +40,24 @@ def nearest(
 @kernel
 def survey(occupancy: NDArray[np.uint8], superpixels: NDArray[np.int32], sums: NDArray[np.int64]) -> None:
     """Add up ground, obstacle and unknown pixels, all pixels, their rows and columns in each superpixel, (n, 6)."""
+    width = superpixels.shape[1]
     for v in range(superpixels.shape[0]):
-        for u in range(superpixels.shape[1]):
-            row = sums[superpixels[v, u]]
-            row[0] += occupancy[v, u] == GROUND
-            row[1] += occupancy[v, u] == OBSTACLE
-            row[2] += occupancy[v, u] == UNKNOWN
-            row[3] += 1
-            row[4] += v
-            row[5] += u
+        u = 0
+        while u < width:
+            first, label = u, superpixels[v, u]
+            ground = obstacle = unknown = 0
+            while u < width and superpixels[v, u] == label:
+                ground += occupancy[v, u] == GROUND
+                obstacle += occupancy[v, u] == OBSTACLE
+                unknown += occupancy[v, u] == UNKNOWN
+                u += 1
+            row, area = sums[label], u - first
+            row[0] += ground
+            row[1] += obstacle
+            row[2] += unknown
+            row[3] += area
+            row[4] += v * area
+            row[5] += (first + u - 1) * area // 2
 
 
 @kernel

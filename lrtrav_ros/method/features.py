@@ -36,6 +36,7 @@ HSV_BINS = (9, 8, 6)
 
 _MAX_SHARE = 1 + 1e-3  # of a histogram in one bin: its sum is not exact
 _DARK = 4.0  # grey levels: in the dark, the ratios of colours are noise
+_SPARSE = 0.8  # share of bins in use, below which it is worth the time to leave the others out
 _FLAT = 1e-7  # spread of a histogram, against its mean, that rounding makes
 _WEBER_GAIN = 3.0
 _TERNARY_THRESHOLD = 5
@@ -516,7 +517,7 @@ def histogram_distances(histograms: NDArray[np.floating[Any]], distance: str = "
         raise ValueError(f"histograms hold values from {low:g} to {high:g}; give rows with sum 1")
     result = DISTANCES[distance](histograms.astype(np.float64, order="C"))
     np.fill_diagonal(result, 0)
-    return (result + result.T) / 2
+    return result
 
 
 def _correlation(rows: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -524,17 +525,23 @@ def _correlation(rows: NDArray[np.float64]) -> NDArray[np.float64]:
 
     Bins that are empty in all rows, which is most of the colours, only enter by the means.
     """
-    mean = rows.mean(axis=1)
-    used = np.ascontiguousarray(rows[:, rows.any(axis=0)])
-    covariance = used @ used.T - rows.shape[1] * mean[:, None] * mean
+    n_bins, mean = rows.shape[1], rows.mean(axis=1)
+    used = rows.any(axis=0)
+    if np.count_nonzero(used) < _SPARSE * n_bins:
+        rows = np.compress(used, rows, axis=1)
+    covariance = rows @ rows.T
+    covariance -= np.outer(n_bins * mean, mean)
     norm = np.sqrt(np.maximum(covariance.diagonal(), 0))
     norm[norm <= _FLAT * mean] = np.inf
-    return (1 - np.clip(covariance / norm / norm[:, None], -1, 1)) / 2
+    covariance /= np.outer(norm, norm)
+    np.clip(covariance, -1, 1, out=covariance)
+    return np.subtract(0.5, np.multiply(covariance, 0.5, out=covariance), out=covariance)
 
 
 def _bhattacharyya(rows: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the square root of 1 - the Bhattacharyya coefficient."""
-    return np.sqrt(np.maximum(1 - np.sqrt(rows) @ np.sqrt(rows).T, 0))
+    roots = np.sqrt(rows)
+    return np.sqrt(np.maximum(1 - roots @ roots.T, 0))
 
 
 def _chi_square(rows: NDArray[np.float64], row: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -563,7 +570,12 @@ def _row_by_row(
     distance: Callable[[NDArray[np.float64], NDArray[np.float64]], NDArray[np.float64]],
 ) -> Callable[[NDArray[np.float64]], NDArray[np.float64]]:
     """Return a function of all rows from one of all rows and one of them, which needs less memory."""
-    return lambda rows: np.stack([distance(rows, row) for row in rows])
+
+    def distances(rows: NDArray[np.float64]) -> NDArray[np.float64]:
+        result = np.stack([distance(rows, row) for row in rows])
+        return (result + result.T) / 2
+
+    return distances
 
 
 DISTANCES: dict[str, Callable[[NDArray[np.float64]], NDArray[np.float64]]] = {

@@ -278,10 +278,11 @@ def _most_alike(
     n = len(distances)
     looks = np.column_stack([chromaticity / _TIE_CHROMATICITY, places[:, :1] / _TIE_ROWS])
     n_ties = min(_N_TIES, n - 1)
-    others, exponents = kernels.nearest(np.ascontiguousarray(distances) / _TIE_DISTANCE, looks, n_ties)
-    weights = _TIE_WEIGHT / 2 * np.exp(exponents.ravel() / -2)
-    ties = coo_array((weights, (np.repeat(np.arange(n), n_ties), others.ravel())), shape=distances.shape)
-    return csr_array(ties + ties.T)
+    others, exponents = kernels.nearest(np.ascontiguousarray(distances), 1 / _TIE_DISTANCE, looks, n_ties)
+    first, second = np.repeat(np.arange(n), n_ties), others.ravel()
+    weights = np.tile(_TIE_WEIGHT / 2 * np.exp(exponents.ravel() / -2), 2)
+    both_ways = np.concatenate([first, second]), np.concatenate([second, first])
+    return csr_array(coo_array((weights, both_ways), shape=distances.shape))
 
 
 @one_blas_thread()
