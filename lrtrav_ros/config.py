@@ -462,14 +462,15 @@ class GroundConfig(CheckedConfig):
     contact_margin: float = setting(
         0.03,
         "what stands upright is an obstacle down to where the ground is nearer by less than this share; raise it where "
-        "obstacles swallow the ground before them, lower it where feet are called ground; 1 marks no feet",
+        "obstacles swallow the ground before them, lower it where feet are called ground; 1 marks neither feet nor low "
+        "things, nor does min_obstacle_m = 0",
         minimum=0.0,
         maximum=1.0,
     )
     min_drop_m: float = setting(
         0.2,
-        "anything at least this far below the ground is an obstacle: ditches, steps down, edges; 0 for none; "
-        "raise it on rough slopes",
+        "what lies this far below the ground, behind a rim of ground, is an obstacle: ditches, steps down, edges; "
+        "0 for none, as with min_obstacle_m = 0; raise it on rough slopes",
         minimum=0.0,
         maximum=5.0,
         unit="m",
@@ -502,7 +503,12 @@ class SuperpixelsConfig(CheckedConfig):
         minimum=0.1,
         maximum=1000.0,
     )
-    max_iterations: int = setting(10, "iterations at most; lower it to save time", minimum=1, maximum=100)
+    max_iterations: int = setting(
+        5,
+        "iterations at most; lower it to save time, raise it for borders that follow edges a little closer",
+        minimum=1,
+        maximum=100,
+    )
     preemption_threshold: float = setting(
         0.01,
         "share of pixels that must have changed label for a cluster to be visited again; "
@@ -592,15 +598,15 @@ class MemoryConfig(CheckedConfig):
 
     frames: int = setting(
         0,
-        "how many frames before lend their evidence, by appearance; 0 for none; nodes remember 5 unless told "
-        "otherwise; raise it where the mask flickers, lower it where light changes fast",
+        "how many frames before lend their evidence, by appearance; 0 for none; raise it where the mask flickers, "
+        "lower it where light changes fast",
         minimum=0,
         maximum=100,
     )
     max_gap_s: float = setting(
         2.0,
-        "a longer gap between two frames, and any jump back in time, forgets what is remembered; "
-        "raise it for cameras with few frames a second",
+        "a longer gap between two frames, and any jump back in time, forgets what is remembered; what was found at the "
+        "same place is only used for 0.25 s; raise it for cameras with few frames a second",
         minimum=0.0,
         maximum=3600.0,
         unit="s",
@@ -693,6 +699,7 @@ _PAPER: dict[str, Value] = {
     "ground.min_drop_m": 0.0,
     "ground.max_hole_px": 0,
     "superpixels.n_superpixels": 200,
+    "superpixels.max_iterations": 10,
     "clustering.k": 0,
     "extension.rule": "area",
 }

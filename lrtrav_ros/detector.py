@@ -1,4 +1,4 @@
-"""The whole method, stage after stage: frame -> disparity -> short range -> superpixels -> clusters -> long range."""
+"""The whole method, stage after stage: frame -> disparity -> short range -> superpixels -> long range."""
 
 from __future__ import annotations
 
@@ -230,7 +230,8 @@ class LongRangeDetector:
     config : Config
         Only `superpixels`, `features`, `clustering`, `extension` and `memory` are used.
     memory : Memory, optional
-        What is remembered, to be shared by detectors of other settings; its own where none is given.
+        What is remembered, to go on with where settings other than those of `features` change; empty where none is
+        given.
     """
 
     def __init__(self, config: Config, *, memory: Memory | None = None) -> None:
@@ -288,7 +289,7 @@ class LongRangeDetector:
         run: StageRunner,
     ) -> LongRange:
         """Extend short-range ground by propagation, with what the memory holds."""
-        config, n = self.config, len(features)
+        config = self.config
         self.memory.at(stamp_ns)
         known, remembered = self.memory.recall(features)
         distances = run(Stage.FEATURES, feature_distances, known, config.features)
@@ -304,8 +305,13 @@ class LongRangeDetector:
             min_share=config.extension.min_share,
         )
         self.memory.remember(features, found.evidence, found.belief)
-        find_clusters = partial(spectral_clusters, distances[:n, :n], config.clustering)
+        find_clusters = partial(_clusters, features, config)
         return LongRange(found.occupancy, superpixels, find_clusters, found.confidence)
+
+
+def _clusters(features: Features, config: Config) -> NDArray[np.int32]:
+    """Return the cluster of each superpixel."""
+    return spectral_clusters(feature_distances(features, config.features), config.clustering)
 
 
 class Detector:

@@ -20,6 +20,7 @@ _SAME_PX = 0.5
 _LEAST_FACE = 0.03  # of the camera's height
 _NEARER = 0.06  # share by which something nearer or farther than a face differs from it
 _SEEN_THROUGH = 2  # pixels farther away than a face that end it
+_DROP_MARGIN = 0.03  # share by which the ground is nearer than what is seen below it, where that ends
 _RIM_PX = 4  # without disparity, between the rim of a drop and what is seen below it
 _ABOVE = 1.75  # residuals count more above the ground than below it: all that is not ground stands on it
 
@@ -257,7 +258,6 @@ def drops(
     least: float,
     step: float,
     deep: float,
-    margin: float,
 ) -> NDArray[np.uint8]:
     """Return 1 for what lies below the ground, column by column from the bottom.
 
@@ -275,7 +275,7 @@ def drops(
                 break
             if d <= 0:
                 continue
-            if first >= 0 and abs(d - face) <= _SAME * face + _SAME_PX and ground > (1 + margin) * d + noise / 2:
+            if first >= 0 and abs(d - face) <= _SAME * face + _SAME_PX and ground > (1 + _DROP_MARGIN) * d + noise / 2:
                 face, fallen = d, edge_ground - ground
                 is_deep = ground - d > max(least, deep * d)
                 if not is_deep and edge - d > fallen / 2 + noise:

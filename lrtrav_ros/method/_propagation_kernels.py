@@ -70,8 +70,15 @@ def label_pixels(
     confidence: NDArray[np.uint8],
 ) -> None:
     """Write the label and the confidence of each pixel: rows of both are for ground, obstacle and unknown pixels."""
+    has_ground_above = np.zeros(occupancy.shape[1], np.bool_)  # what has none may be above the horizon
     for v in range(occupancy.shape[0]):
         for u in range(occupancy.shape[1]):
-            row = 0 if occupancy[v, u] == GROUND else (1 if occupancy[v, u] == OBSTACLE else 2)
-            extended[v, u] = labels[row, superpixels[v, u]]
-            confidence[v, u] = confidences[row, superpixels[v, u]]
+            label, row = superpixels[v, u], 2
+            if occupancy[v, u] == GROUND:
+                row, has_ground_above[u] = 0, True
+            elif occupancy[v, u] == OBSTACLE:
+                row = 1
+            if row == 1 and not has_ground_above[u]:
+                extended[v, u], confidence[v, u] = OBSTACLE, max(confidences[row, label], 255 - confidences[row, label])
+            else:
+                extended[v, u], confidence[v, u] = labels[row, label], confidences[row, label]

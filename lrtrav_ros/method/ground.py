@@ -49,7 +49,7 @@ _ITERATIONS = 20
 _MIN_ROW_SPREAD = 0.01  # of the image's height: in fewer rows the slope is left open
 _CONVERGED_PX = 1e-3
 _MAX_SHARE = 0.9  # of the camera's height: things as high as the camera have no disparity of their own
-_SIGNIFICANT = 3.8  # times the noise of outlying pixels; with Gaussian noise, 8 standard deviations
+_SIGNIFICANT_FACE = 3.8  # times the noise of outlying pixels; with Gaussian noise, 8 standard deviations
 _SIGNIFICANT_DROP = 7.3  # times that of typical ones, 5 standard deviations: mismatches are above the ground as a rule
 _CLEAR_PX = 4.0  # ground of less disparity says little about noise
 _MAX_BELOW = 0.25  # of the ground's disparity: what is farther below is a drop or a mismatch
@@ -518,7 +518,7 @@ def _occupancy(
     stands = min(config.min_obstacle_m / line.camera_height_m(camera), _MAX_SHARE)
     kernels.classify_by_height(disparity, expected, config.noise_px, step, stands, occupancy)
     typical, outlying = _noise_below(disparity, expected)
-    least = max(_SIGNIFICANT * outlying, 2 * config.noise_px)
+    least = max(_SIGNIFICANT_FACE * outlying, 2 * config.noise_px)
     if config.contact_margin < 1:
         kernels.mark_faces(disparity, expected, config.noise_px, least, step, config.contact_margin, occupancy)
     if config.min_drop_m:
@@ -532,7 +532,6 @@ def _occupancy(
             max(_SIGNIFICANT_DROP * typical, config.noise_px),
             step,
             deep,
-            config.contact_margin,
         )
         occupancy[cv2.morphologyEx(below, cv2.MORPH_OPEN, np.ones(_LEAST_DROP_PX, np.uint8)) > 0] = OBSTACLE
     return _with_filled_holes(occupancy, disparity, config.max_hole_px)

@@ -50,7 +50,9 @@ class Memory:
 
     def at(self, stamp_ns: int | None) -> None:
         """Go on to the time of a frame [ns], None where it is not known; a jump in time forgets everything."""
-        if stamp_ns is not None and self._stamp_ns is not None:
+        if stamp_ns is None:
+            return
+        if self._stamp_ns is not None:
             passed_s = (stamp_ns - self._stamp_ns) / 1e9
             if not 0 <= passed_s <= self.config.max_gap_s:
                 self.clear()

@@ -64,7 +64,7 @@ class Evidence:
     Parameters
     ----------
     share : (n,) ndarray of float64
-        Share of a superpixel's pixels that are judged, 0 .. 1.
+        Share of a superpixel's pixels that are judged, 0 .. 1; of remembered ones a part of it, for they weigh less.
     ground : (n,) ndarray of float64
         Share of ground among those; 0.5 where there are none.
     """
@@ -74,6 +74,14 @@ class Evidence:
 
     def __len__(self) -> int:
         return len(self.share)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Hold:
+    """What holds each superpixel lightly: how strongly, and at what."""
+
+    weight: NDArray[np.float64]
+    target: NDArray[np.float64]
 
 
 NOTHING_REMEMBERED = Evidence(np.zeros(0), np.zeros(0))
@@ -133,9 +141,9 @@ def propagate(
 ) -> Propagation:
     """Extend short-range ground over superpixels that look like it and are near it.
 
-    What short range judges stands, unless its superpixel surely is the opposite. Every other pixel is as its
-    superpixel. Superpixels that are traversable, but that no traversable ones connect with ground
-    of the short range, are unknown.
+    What short range judges stands, unless its superpixel surely is the opposite, and it is not above all ground of its
+    column. Every other pixel is as its superpixel. Superpixels that are traversable, but that no traversable ones
+    connect with ground of the short range, are unknown.
 
     Parameters
     ----------
@@ -161,6 +169,8 @@ def propagate(
         If an argument is not as above.
     """
     n = _checked(superpixels, distances, chromaticity, remembered)
+    if before is not None:
+        _check_belief(before)
     distances = np.ascontiguousarray(distances)  # sums in another order would not be equal bit for bit
     evidence, places = _surveyed(occupancy, superpixels, n)
     vote = _votes(_appended(evidence, remembered), distances, chromaticity)[:n]
@@ -202,6 +212,15 @@ def _checked(
             raise ValueError(f"{name} holds values from {values.min():g} to {values.max():g}; give shares, 0 to 1")
     check_labels("superpixels", superpixels, total - m)
     return total - m
+
+
+def _check_belief(belief: Belief) -> None:
+    """Check what was found in the frame before."""
+    n = len(belief.traversable)
+    shapes = (("places", belief.places, (n, 2)), ("chromaticity", belief.chromaticity, (n, 2)))
+    for name, values, shape in (*shapes, ("traversable", belief.traversable, (n,))):
+        check_array(f"before.{name}", values, np.float64, shape, may_be_empty=True)
+        check_finite(f"before.{name}", values)
 
 
 def _surveyed(
@@ -254,11 +273,11 @@ def _held(
     before: Belief | None,
     places: NDArray[np.float64],
     chromaticity: NDArray[np.float64],
-) -> Evidence:
+) -> _Hold:
     """Return how strongly vote and the frame before hold each superpixel, and at what."""
     held = _VOTE_WEIGHT + _UNANIMITY_WEIGHT * (2 * vote - 1) ** 2
     if before is None or not len(before.traversable):
-        return Evidence(held, vote)
+        return _Hold(held, vote)
     now = np.column_stack([places / _SAME_PLACE, chromaticity / _VOTE_CHROMATICITY])
     then = np.column_stack([before.places / _SAME_PLACE, before.chromaticity / _VOTE_CHROMATICITY])
     exponent = np.zeros((len(now), len(then)))
@@ -268,7 +287,7 @@ def _held(
     total = alike.sum(axis=1)
     weight = _BELIEF_WEIGHT * alike.max(axis=1)
     found = np.divide(alike @ before.traversable, total, out=vote.copy(), where=total > _NO_VOTES)
-    return Evidence(held + weight, (held * vote + weight * found) / (held + weight))
+    return _Hold(held + weight, (held * vote + weight * found) / (held + weight))
 
 
 def _most_alike(
@@ -286,15 +305,16 @@ def _most_alike(
 
 
 @one_blas_thread()
-def _settled(ties: csr_array, evidence: Evidence, light: Evidence) -> NDArray[np.float64]:
+def _settled(ties: csr_array, evidence: Evidence, light: _Hold) -> NDArray[np.float64]:
     """Return the x of ``(E + a I + L) x = E y + a u``, with L the Laplacian of the ties and a, u what holds lightly."""
     held = _EVIDENCE_WEIGHT * evidence.share
-    diagonal = held + light.share + np.asarray(ties.sum(axis=1)).ravel()
+    diagonal = held + light.weight + np.asarray(ties.sum(axis=1)).ravel()
     solution, _ = cg(
         diags(diagonal) - ties,
-        held * evidence.ground + light.share * light.ground,
-        x0=np.where(held > 0, evidence.ground, light.ground),
+        held * evidence.ground + light.weight * light.target,
+        x0=np.where(held > 0, evidence.ground, light.target),
         M=diags(1 / diagonal),
+        atol=0.0,
     )
     return np.asarray(solution)
 
@@ -329,7 +349,7 @@ def _confidences(labels: NDArray[np.uint8], traversable: NDArray[np.float64]) ->
         [
             np.where(labels[0] == GROUND, ground, 1 - ground),
             np.where(labels[1] == OBSTACLE, obstacle, 1 - obstacle),
-            np.interp(np.maximum(traversable, 1 - traversable), _SURENESS, _RIGHT_UNKNOWN),
+            np.interp(np.where(labels[2] == GROUND, traversable, 1 - traversable), _SURENESS, _RIGHT_UNKNOWN),
         ]
     )
     right[labels == UNKNOWN] = 0

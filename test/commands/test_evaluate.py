@@ -165,7 +165,7 @@ def test_flicker_is_that_of_the_masks_that_are_kept(evaluated, broken, tmp_path)
 
 
 def test_calibration_of_a_method_with_confidence_is_measured(broken, tmp_path, monkeypatch, capsys):
-    real = methods_module.find_by_clusters
+    real = methods_module.find_by_superpixels
 
     def with_confidence(frame, config, run):
         detection = real(frame, config, run)

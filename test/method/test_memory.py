@@ -61,7 +61,7 @@ def test_it_is_bounded_whatever_the_number_of_frames_and_superpixels(frames: int
         memory.remember(features(n=500), evidence(n=500), belief(n=500))
         sizes.append(len(remembered(memory)))
     each = module._MAX_REMEMBERED // frames
-    assert max(sizes) <= 240
+    assert max(sizes) <= 120
     assert sizes == [each * min(i + 1, frames) for i in range(frames + 5)]
 
 

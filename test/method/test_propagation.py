@@ -274,10 +274,10 @@ def test_settled_votes_solve_the_system_of_equations() -> None:
     ties = np.triu(rng.uniform(0, 1, (n, n)) * (rng.random((n, n)) < 0.5), 1)
     ties += ties.T
     evidence = Evidence(rng.uniform(0, 1, n) * (np.arange(n) % 3 == 0), rng.uniform(0, 1, n))
-    light = Evidence(rng.uniform(0.1, 0.5, n), rng.uniform(0, 1, n))
+    light = propagation._Hold(rng.uniform(0.1, 0.5, n), rng.uniform(0, 1, n))
     held = propagation._EVIDENCE_WEIGHT * evidence.share
-    system = np.diag(held) + np.diag(light.share) + np.diag(ties.sum(axis=1)) - ties
-    expected = np.linalg.solve(system, held * evidence.ground + light.share * light.ground)
+    system = np.diag(held) + np.diag(light.weight) + np.diag(ties.sum(axis=1)) - ties
+    expected = np.linalg.solve(system, held * evidence.ground + light.weight * light.target)
     found = propagation._settled(csr_array(ties), evidence, light)
     np.testing.assert_allclose(found, expected, atol=1e-4)
 
@@ -290,3 +290,17 @@ def test_grey_images_are_told_apart_by_texture_and_brightness() -> None:
     features = superpixel_features(image, superpixels)
     found = propagate(short_range(*KNOWN), superpixels, feature_distances(features), features.chromaticity)
     assert letters(found.occupancy) == ["gggoo"] * 4
+
+
+def test_belief_that_is_none_is_refused() -> None:
+    places, looks, traversable = np.zeros((2, 2)), np.zeros((2, 2)), np.array([0.5, np.nan])
+    with pytest.raises(ValueError, match=r"before\.traversable holds values that are not finite"):
+        propagation._check_belief(propagation.Belief(places, looks, traversable))
+    with pytest.raises(ValueError, match=r"before\.places is float64 \(1, 2\)"):
+        propagation._check_belief(propagation.Belief(places[:1], looks, np.zeros(2)))
+
+
+def test_confidence_is_of_the_label_whatever_the_threshold() -> None:
+    traversable = np.array([0.74, 0.26])
+    labels = np.array([[0, 0], [100, 100], [100, 0]], np.uint8)  # those of thresholds far from 0.5
+    assert (propagation._confidences(labels, traversable)[2] < 128).all()

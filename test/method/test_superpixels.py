@@ -90,7 +90,7 @@ def test_superpixels_of_noise_are_connected(noise: NDArray[np.uint8], compactnes
 
 @pytest.mark.parametrize("n_superpixels", [30, 60, 200])
 def test_number_is_about_what_was_asked(scene: NDArray[np.uint8], n_superpixels: int) -> None:
-    labels = preemptive_slic(scene, SuperpixelsConfig(n_superpixels=n_superpixels))
+    labels = preemptive_slic(scene, SuperpixelsConfig(n_superpixels=n_superpixels, max_iterations=10))
     check(labels, scene.shape)
     assert labels.max() + 1 == pytest.approx(n_superpixels, rel=0.25)
 
@@ -162,7 +162,7 @@ def test_settled_clusters_rest(monkeypatch: pytest.MonkeyPatch) -> None:
         return sweep(lab, centres, visited, *rest)
 
     monkeypatch.setattr(superpixels.kernels, "sweep", record)
-    preemptive_slic(image, SuperpixelsConfig(n_superpixels=32))
+    preemptive_slic(image, SuperpixelsConfig(n_superpixels=32, max_iterations=10))
     assert visits[0].tolist() == list(range(32))
     assert set(visits[-1] % 8) <= {5, 6, 7}
     assert 6 in visits[-1] % 8

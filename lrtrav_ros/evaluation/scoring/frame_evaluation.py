@@ -87,7 +87,7 @@ def make_setup(
     if geometry.memory.frames:
         raise ValueError(
             f"memory.frames is {geometry.memory.frames}, but frames are evaluated one by one, each without those "
-            "before it; set it to 0, or detect with `lrtrav detect` and score its masks"
+            "before it; set it to 0"
         )
     return Setup(tuple(seeded), geometry, save_masks)
 

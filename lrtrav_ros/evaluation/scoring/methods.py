@@ -113,8 +113,8 @@ def find_short_range(frame: Frame, config: Config, run: StageRunner) -> MethodDe
     return MethodDetection(detect_short_range(frame, config, run), None, run.times)
 
 
-def find_by_clusters(frame: Frame, config: Config, run: StageRunner) -> MethodDetection:
-    """Extend the short range over clusters of superpixels, as `Detector` does."""
+def find_by_superpixels(frame: Frame, config: Config, run: StageRunner) -> MethodDetection:
+    """Extend the short range over superpixels, as `Detector` does."""
     detector = Detector(config, matcher=_shared_matcher(config, run))
     detection = detector.detect_frame(frame, run)
     return MethodDetection(detection.short_range, detection.long_range, detection.times)
@@ -173,18 +173,20 @@ METHODS = {
     method.name: method
     for method in (
         Method("uv_disparity", "short range alone, by u-v-disparity", "paper", find_short_range),
-        Method("proposed", "the paper's method", "paper", find_by_clusters),
-        Method("colour_only", "the paper's, by colour", "paper", find_by_clusters, (("features.cues", "colour"),)),
-        Method("texture_only", "the paper's, by texture", "paper", find_by_clusters, (("features.cues", "texture"),)),
+        Method("proposed", "the paper's method", "paper", find_by_superpixels),
+        Method("colour_only", "the paper's, by colour", "paper", find_by_superpixels, (("features.cues", "colour"),)),
+        Method(
+            "texture_only", "the paper's, by texture", "paper", find_by_superpixels, (("features.cues", "texture"),)
+        ),
         Method(
             "random_centres",
             "the paper's, with random initial centres",
             "paper",
-            find_by_clusters,
+            find_by_superpixels,
             (("clustering.centres", "random"),),
             is_random=True,
         ),
-        Method("robust", "clusters judged by evidence", "robust", find_by_clusters),
+        Method("robust", "votes of superpixels that look alike", "robust", find_by_superpixels),
         Method(
             "near_to_far",
             "superpixels classified by learning from short range",

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from lrtrav_ros.config import find_parameter
-from lrtrav_ros.evaluation.scoring.methods import Method, find_by_clusters
+from lrtrav_ros.evaluation.scoring.methods import Method, find_by_superpixels
 
 STUDIES = {"texture": "features.texture", "distance": "features.distance"}
 """The parameter of each study."""
@@ -29,7 +29,7 @@ def study_methods(methods: Iterable[Method], study: str) -> list[Method]:
     parameter = find_parameter(STUDIES[study])
     variants = []
     for method in methods:
-        if method.find is not find_by_clusters:
+        if method.find is not find_by_superpixels:
             raise ValueError(f"{method.name} does not cluster superpixels; study another method, such as proposed")
         variants += [method.with_setting(parameter.name, choice) for choice in parameter.choices]
     return variants

@@ -14,7 +14,7 @@ from lrtrav_ros.evaluation.scoring.methods import METHODS, choose_methods, detec
 from lrtrav_ros.evaluation.scoring.shared_stages import SharedStages
 from lrtrav_ros.method.matching.elas import Elas
 
-VALUES = {"stereo.n_disparities": 64, "superpixels.n_superpixels": 60}
+VALUES = {"stereo.n_disparities": 64, "superpixels.n_superpixels": 60, "superpixels.max_iterations": 5}
 FRAME = frames(n=1)[0]
 
 
