@@ -277,7 +277,7 @@ def drops(
                 continue
             if first >= 0 and abs(d - face) <= _SAME * face + _SAME_PX and ground > (1 + _DROP_MARGIN) * d + noise / 2:
                 face, fallen = d, edge_ground - ground
-                is_deep = ground - d > max(least, deep * d)
+                is_deep = ground - d > (deep * d if found[first, u] > 0 else max(least, deep * d))
                 if not is_deep and edge - d > fallen / 2 + noise:
                     first = -1
                 elif found[first, u] > 0 or is_deep or fallen - (edge - d) >= max(noise, _LEAST_FACE * d):

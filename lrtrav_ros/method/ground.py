@@ -44,6 +44,7 @@ SHAPES = {"line": 2, "plane": 3, "curved": 4}
 
 _MAX_DISPARITIES = 1024  # what is nearer is left to the plane
 _SLOPE_STEP = 0.03  # relative step between the slopes of the Hough transform
+_FIT_STEP_M = 0.1  # the fit begins without tilt and bend, and has to see ground that is off by as much
 _SAMPLING = 3  # rows and columns between the pixels of the refit
 _ITERATIONS = 20
 _MIN_ROW_SPREAD = 0.01  # of the image's height: in fewer rows the slope is left open
@@ -428,7 +429,7 @@ def _refit(
     rows, columns = (_SAMPLING * v).astype(np.float64), (_SAMPLING * u).astype(np.float64)
     values = sampled[v, u].astype(np.float64)
     fitted = np.array([line.slope, line.intercept, 0.0, 0.0])
-    noise, relative = 2 * config.noise_px, config.max_step_m / line.camera_height_m(camera)
+    noise, relative = 2 * config.noise_px, max(config.max_step_m, _FIT_STEP_M) / line.camera_height_m(camera)
     n_terms = SHAPES[config.shape]
     for _ in range(_ITERATIONS):
         near, below, normal, right = kernels.normal_equations(rows, columns, values, fitted, noise, relative)

@@ -41,6 +41,8 @@ _TIE_WEIGHT = 3.0
 _NEIGHBOUR_SCALE = 1.2  # times the median distance of neighbours
 _EVIDENCE_WEIGHT = 10.0
 _VOTE_WEIGHT = 0.2
+_STRANGER = 0.3  # what looks like nothing that is known is rather none to drive on
+_STRANGER_WEIGHT = 0.01
 _UNANIMITY_WEIGHT = 0.4  # more of a vote that all are of one mind in
 _BELIEF_WEIGHT = 0.5  # at most, of the frame before
 _SAME_PLACE = 0.03  # of the image's height
@@ -257,7 +259,7 @@ def _votes(
     weights = np.exp(exponent, out=exponent)
     total = (weights @ evidence.share.astype(np.float32)).astype(np.float64)
     says = (weights @ (evidence.share * evidence.ground).astype(np.float32)).astype(np.float64)
-    return np.divide(says, total, out=np.full(len(total), _UNDECIDED), where=total > _NO_VOTES)
+    return (says + _STRANGER_WEIGHT * _STRANGER) / (total + _STRANGER_WEIGHT)
 
 
 def _neighbours(pairs: tuple[NDArray[np.intp], ...], distances: NDArray[np.float64]) -> csr_array:

@@ -304,3 +304,11 @@ def test_confidence_is_of_the_label_whatever_the_threshold() -> None:
     traversable = np.array([0.74, 0.26])
     labels = np.array([[0, 0], [100, 100], [100, 0]], np.uint8)  # those of thresholds far from 0.5
     assert (propagation._confidences(labels, traversable)[2] < 128).all()
+
+
+def test_a_vote_of_nothing_alike_is_rather_against() -> None:
+    evidence = Evidence(np.array([1.0, 1.0, 0.0]), np.array([1.0, 1.0, 0.5]))
+    distances = np.array([[0.0, 0.0, 1.0], [0.0, 0.0, 1.0], [1.0, 1.0, 0.0]])  # the last is like neither
+    vote = propagation._votes(evidence, distances, np.zeros((3, 2)))
+    assert vote[2] == pytest.approx(0.3, abs=0.01)
+    assert vote[0] > 0.99
