@@ -122,7 +122,7 @@ class Propagation:
     evidence : Evidence
         What short range says of each superpixel.
     belief : Belief
-        How sure it is that each superpixel is traversable; about 0.5 for all without any evidence.
+        How sure it is that each superpixel is traversable; 0.3 for all without any evidence.
     """
 
     occupancy: NDArray[np.uint8]

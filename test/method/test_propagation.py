@@ -132,14 +132,14 @@ def test_single_pixels_of_ground_are_overruled_by_an_obstacle_all_around() -> No
 def test_without_evidence_nothing_is_known() -> None:
     found = propagated(short_range(".....", ".....", ".....", "....."), looks(*SCENE))
     assert letters(found.occupancy) == ["....."] * 4
-    np.testing.assert_allclose(found.belief.traversable, 0.5, atol=1e-6)
+    np.testing.assert_allclose(found.belief.traversable, 0.3, atol=1e-6)  # strangers are rather not traversable
     assert not found.confidence.any()
 
 
 @pytest.mark.parametrize(("letter", "expected"), [("g", 1.0), ("o", 0.0)])
 def test_evidence_of_one_kind_decides_all(letter: str, expected: float) -> None:
     found = propagated(short_range(".....", ".....", ".....", letter * 5), looks(*SCENE))
-    np.testing.assert_allclose(found.belief.traversable, expected, atol=1e-3)
+    np.testing.assert_allclose(found.belief.traversable, expected, atol=3e-3)
     assert letters(found.occupancy) == [letter * 5] * 4
 
 
@@ -162,7 +162,8 @@ UNDECIDED = ("g.o", looks("wmb", spread=0))  # what is in the middle looks as mu
 
 def test_what_is_in_the_middle_is_undecided() -> None:
     row, positions = UNDECIDED
-    np.testing.assert_allclose(propagated(short_range(row), positions).belief.traversable[1], 0.5, atol=1e-4)
+    middle = propagated(short_range(row), positions).belief.traversable[1]
+    assert 0.48 < middle <= 0.5  # a little below, for what looks like little known is rather none to drive on
 
 
 @pytest.mark.parametrize(("ground", "expected"), [(1.0, "ggo"), (0.0, "goo")])
