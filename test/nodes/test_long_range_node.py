@@ -113,9 +113,9 @@ def test_what_was_near_teaches_the_next_frame(graph):
     stamp = start(graph)
     mask = detected(graph, FAR, stamp)
     np.testing.assert_array_equal(mask, remembered())
-    # The hedge is known from the frame before; in the frame alone, nothing speaks against it.
+    # The hedge is known from the frame before; in the frame alone, a quarter of it is taken for ground.
     assert np.mean(mask[: HEIGHT // 2]) == 0
-    assert np.mean(alone()[: HEIGHT // 2]) == 255
+    assert np.mean(alone()[: HEIGHT // 2]) > 255 / 4
     np.testing.assert_array_equal(detected(graph, FAR, stamp + PERIOD_NS), mask)
 
 

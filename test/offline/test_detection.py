@@ -73,9 +73,9 @@ def test_frames_lend_those_after_them_their_evidence(tmp_path: Path, is_bag: boo
     results = detected(path, tmp_path / "out")
     for result, expected in zip(results, masks(CONFIG, NEAR, FAR, FAR_AGAIN), strict=True):
         np.testing.assert_array_equal(result, expected)
-    # The hedge is known from the first frame; in the others alone, most of it looks like the ground.
+    # The hedge is known from the first frame; in the others alone, more than a third of it is taken for ground.
     assert [float(np.mean(result[HEDGE])) for result in results] == [0, 0, 0]
-    assert np.mean(masks(SINGLE, FAR)[0][HEDGE]) > 200
+    assert np.mean(masks(SINGLE, FAR)[0][HEDGE]) > 255 / 3
 
 
 def test_without_memory_each_frame_stands_alone(tmp_path: Path) -> None:
