@@ -11,7 +11,6 @@ frames show ground. Numbers are shares of the pixels that change, means over nei
 from __future__ import annotations
 
 import argparse
-import math
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -24,8 +23,7 @@ from lrtrav_ros.config import Config
 from lrtrav_ros.detector import Detector
 from lrtrav_ros.evaluation.scoring.flicker import mean_flicker
 from lrtrav_ros.synthetic.landscape import make_scene
-from lrtrav_ros.synthetic.raycasting import path_middle
-from lrtrav_ros.synthetic.rendering import render_sequence
+from lrtrav_ros.synthetic.rendering import camera_view, render_sequence
 from lrtrav_ros.synthetic.scene_config import STYLES, SceneConfig
 
 Mask = NDArray[np.uint8]
@@ -98,24 +96,14 @@ def ground_flicker(found: list[Masks], scene: SceneConfig) -> tuple[float, float
 
 def ground_to_image(scene: SceneConfig) -> list[NDArray[np.float64]]:
     """Return, for each frame, the homography from points of the flat ground (x, y, 1) [m] to pixels (u, v, 1)."""
-    path, camera = make_scene(scene).path, scene.camera
+    world, camera = make_scene(scene), scene.camera
     calibration = np.array([[camera.fx, 0, camera.cx], [0, camera.fy, camera.cy], [0, 0, 1]])
     homographies = []
     for index in range(scene.n_frames):
-        y = index * scene.speed_m_s / scene.rate_hz
-        yaw = math.atan2(path_middle(path, y + 0.5) - path_middle(path, y - 0.5), 1.0)
-        axes = camera_axes(yaw, math.radians(scene.pitch_deg))
-        origin = np.array([path_middle(path, y), y, scene.camera_height_m])
-        homographies.append(calibration @ np.column_stack((axes[:, 0], axes[:, 1], -axes @ origin)))
+        view = camera_view(scene, world, index)
+        axes = view.rotation.T
+        homographies.append(calibration @ np.column_stack((axes[:, 0], axes[:, 1], -axes @ view.origin)))
     return homographies
-
-
-def camera_axes(yaw: float, pitch: float) -> NDArray[np.float64]:
-    """Return the axes right, down and ahead, as rows, of a camera that is turned to the right and then looks down."""
-    right = [math.cos(yaw), -math.sin(yaw), 0.0]
-    down = [-math.sin(pitch) * math.sin(yaw), -math.sin(pitch) * math.cos(yaw), -math.cos(pitch)]
-    ahead = [math.cos(pitch) * math.sin(yaw), math.cos(pitch) * math.cos(yaw), -math.sin(pitch)]
-    return np.array([right, down, ahead])
 
 
 def moved(mask: Mask, motion: NDArray[np.float64]) -> Mask:

@@ -31,7 +31,8 @@ from lrtrav_ros.io.image_files import DISPARITY_SCALE, read_disparity, read_imag
 _CALIBRATION = ("fx", "fy", "cx", "cy", "baseline_m", "width", "height")
 _SUFFIXES = (".png", ".jpg", ".jpeg")
 _FOLDERS = {"stereo": "right", "disparity": "disparity", "depth": "depth"}
-_MILLIMETRES = 1000.0
+MILLIMETRES = 1000.0
+"""Scale of files in millimetres: depth, where `calib.json` names no other, and height."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -206,7 +207,7 @@ def write_frame(
         if values is not None:
             write_disparity(folder / name / file, values)
     if height_m is not None:
-        millimetres = np.clip(np.rint(height_m * _MILLIMETRES), 0, 65535).astype(np.uint16)
+        millimetres = np.clip(np.rint(height_m * MILLIMETRES), 0, 65535).astype(np.uint16)
         write_image(folder / "height" / file, millimetres)
 
 
@@ -258,7 +259,7 @@ def _calibration(values: Mapping[str, Any]) -> _Calibration:
         if key not in values:
             raise ValueError(f"{key} is missing")
     camera = StereoCamera(**{key: values[key] for key in _CALIBRATION})
-    scale = values.get("depth_scale", _MILLIMETRES)
+    scale = values.get("depth_scale", MILLIMETRES)
     if isinstance(scale, bool) or not isinstance(scale, (int, float)) or not 0 < scale < math.inf:
         raise ValueError(f"depth_scale is {scale!r}; give a positive number")
     return _Calibration(camera, scale)

@@ -9,11 +9,28 @@ from lrtrav_ros.numerics.kernels import kernel
 
 
 @kernel
-def count_values(image: NDArray[np.uint8], superpixels: NDArray[np.int32], counts: NDArray[np.int64]) -> None:
-    """Add each pixel of an 8-bit image to its value's count (n, 256) in its superpixel."""
-    for v in range(image.shape[0]):
-        for u in range(image.shape[1]):
-            counts[superpixels[v, u], image[v, u]] += 1
+def survey(
+    occupancy: NDArray[np.uint8], superpixels: NDArray[np.int32], values: NDArray[np.uint8], sums: NDArray[np.int64]
+) -> None:
+    """Add up pixels of each of three values, all pixels, their rows and their columns in each superpixel, (n, 6)."""
+    width = superpixels.shape[1]
+    for v in range(superpixels.shape[0]):
+        u = 0
+        while u < width:
+            first, label = u, superpixels[v, u]
+            first_value = second_value = third_value = 0
+            while u < width and superpixels[v, u] == label:
+                first_value += occupancy[v, u] == values[0]
+                second_value += occupancy[v, u] == values[1]
+                third_value += occupancy[v, u] == values[2]
+                u += 1
+            row, area = sums[label], u - first
+            row[0] += first_value
+            row[1] += second_value
+            row[2] += third_value
+            row[3] += area
+            row[4] += v * area
+            row[5] += (first + u - 1) * area // 2
 
 
 @kernel

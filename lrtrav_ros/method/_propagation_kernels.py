@@ -7,10 +7,6 @@ from numpy.typing import NDArray
 
 from lrtrav_ros.numerics.kernels import kernel
 
-GROUND = 0
-OBSTACLE = 100
-UNKNOWN = 255
-
 
 @kernel
 def nearest(
@@ -38,34 +34,13 @@ def nearest(
 
 
 @kernel
-def survey(occupancy: NDArray[np.uint8], superpixels: NDArray[np.int32], sums: NDArray[np.int64]) -> None:
-    """Add up ground, obstacle and unknown pixels, all pixels, their rows and columns in each superpixel, (n, 6)."""
-    width = superpixels.shape[1]
-    for v in range(superpixels.shape[0]):
-        u = 0
-        while u < width:
-            first, label = u, superpixels[v, u]
-            ground = obstacle = unknown = 0
-            while u < width and superpixels[v, u] == label:
-                ground += occupancy[v, u] == GROUND
-                obstacle += occupancy[v, u] == OBSTACLE
-                unknown += occupancy[v, u] == UNKNOWN
-                u += 1
-            row, area = sums[label], u - first
-            row[0] += ground
-            row[1] += obstacle
-            row[2] += unknown
-            row[3] += area
-            row[4] += v * area
-            row[5] += (first + u - 1) * area // 2
-
-
-@kernel
 def label_pixels(
     occupancy: NDArray[np.uint8],
     superpixels: NDArray[np.int32],
     labels: NDArray[np.uint8],
     confidences: NDArray[np.uint8],
+    ground: int,
+    obstacle: int,
     extended: NDArray[np.uint8],
     confidence: NDArray[np.uint8],
 ) -> None:
@@ -74,11 +49,11 @@ def label_pixels(
     for v in range(occupancy.shape[0]):
         for u in range(occupancy.shape[1]):
             label, row = superpixels[v, u], 2
-            if occupancy[v, u] == GROUND:
+            if occupancy[v, u] == ground:
                 row, has_ground_above[u] = 0, True
-            elif occupancy[v, u] == OBSTACLE:
+            elif occupancy[v, u] == obstacle:
                 row = 1
             if row == 1 and not has_ground_above[u]:
-                extended[v, u], confidence[v, u] = OBSTACLE, max(confidences[row, label], 255 - confidences[row, label])
+                extended[v, u], confidence[v, u] = obstacle, max(confidences[row, label], 255 - confidences[row, label])
             else:
                 extended[v, u], confidence[v, u] = labels[row, label], confidences[row, label]

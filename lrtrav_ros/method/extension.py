@@ -138,15 +138,38 @@ def count_evidence(
     TypeError, ValueError
         If an argument is not such an array, or the two differ in size.
     """
+    sums = survey_superpixels(occupancy, superpixels, n)
+    return sums[:, 0], sums[:, 1], sums[:, 3]
+
+
+def survey_superpixels(occupancy: NDArray[np.uint8], superpixels: NDArray[np.int32], n: int) -> NDArray[np.int64]:
+    """Return sums over the pixels of each superpixel.
+
+    Parameters
+    ----------
+    occupancy, superpixels, n
+        As `count_evidence` takes them.
+
+    Returns
+    -------
+    (n, 6) ndarray of int64
+        Numbers of ground, obstacle and unknown pixels and of all pixels, the sum of their rows and that of their
+        columns.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If an argument is not such an array, or the two differ in size.
+    """
     check_array("superpixels", superpixels, np.int32, ("H", "W"))
     check_array("occupancy", occupancy, np.uint8, superpixels.shape)
     check_labels("superpixels", superpixels, n)
-    counts = np.zeros((n, 256), np.int64)
-    kernels.count_values(np.ascontiguousarray(occupancy), np.ascontiguousarray(superpixels), counts)
-    total = counts.sum(axis=0)
-    if total.sum() != total[[GROUND, OBSTACLE, UNKNOWN]].sum():
+    sums = np.zeros((n, 6), np.int64)
+    values = np.array([GROUND, OBSTACLE, UNKNOWN], np.uint8)
+    kernels.survey(np.ascontiguousarray(occupancy), np.ascontiguousarray(superpixels), values, sums)
+    if sums[:, :3].sum() != occupancy.size:
         raise ValueError("occupancy has other values than 0 ground, 100 obstacle and 255 unknown; give only these")
-    return counts[:, GROUND], counts[:, OBSTACLE], counts.sum(axis=1)
+    return sums
 
 
 def _check_clusters(clusters: NDArray[np.int32], superpixels: NDArray[np.int32]) -> None:

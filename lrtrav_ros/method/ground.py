@@ -511,19 +511,20 @@ def _occupancy(
     if line is None:
         return occupancy
     coefficients = np.array([line.slope, line.intercept, line.tilt, line.bend])
-    step = min(config.max_step_m / line.camera_height_m(camera), _MAX_SHARE)
+    camera_height = line.camera_height_m(camera)
+    step = min(config.max_step_m / camera_height, _MAX_SHARE)
     if not config.min_obstacle_m:
         kernels.classify(disparity, obstacles, coefficients, config.noise_px, step, occupancy)
         return _with_filled_holes(occupancy, disparity, config.max_hole_px)
     expected = kernels.ground_disparity(coefficients, *disparity.shape)
-    stands = min(config.min_obstacle_m / line.camera_height_m(camera), _MAX_SHARE)
+    stands = min(config.min_obstacle_m / camera_height, _MAX_SHARE)
     kernels.classify_by_height(disparity, expected, config.noise_px, step, stands, occupancy)
     typical, outlying = _noise_below(disparity, expected)
     least = max(_SIGNIFICANT_FACE * outlying, 2 * config.noise_px)
     if config.contact_margin < 1:
         kernels.mark_faces(disparity, expected, config.noise_px, least, step, config.contact_margin, occupancy)
     if config.min_drop_m:
-        deep = config.min_drop_m / line.camera_height_m(camera)
+        deep = config.min_drop_m / camera_height
         typical = min(typical, config.noise_px / 2)  # where a ditch is most of what is below, it is no noise
         below = kernels.drops(
             disparity,

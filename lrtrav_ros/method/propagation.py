@@ -17,6 +17,7 @@ References
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,7 +26,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import cg
 
 from lrtrav_ros.method import _propagation_kernels as kernels
-from lrtrav_ros.method.extension import touching_superpixels
+from lrtrav_ros.method.extension import survey_superpixels, touching_superpixels
 from lrtrav_ros.method.ground import GROUND, OBSTACLE, UNKNOWN
 from lrtrav_ros.numerics.blas import one_blas_thread
 from lrtrav_ros.numerics.checks import check_array, check_distances, check_finite, check_labels
@@ -189,6 +190,8 @@ def propagate(
         np.ascontiguousarray(superpixels),
         labels,
         _confidences(labels, traversable),
+        GROUND,
+        OBSTACLE,
         extended,
         confidence,
     )
@@ -229,11 +232,7 @@ def _surveyed(
     occupancy: NDArray[np.uint8], superpixels: NDArray[np.int32], n: int
 ) -> tuple[Evidence, NDArray[np.float64]]:
     """Return the evidence in each superpixel, and row and column of its middle, as shares of the image's height."""
-    check_array("occupancy", occupancy, np.uint8, superpixels.shape)
-    sums = np.zeros((n, 6), np.int64)
-    kernels.survey(np.ascontiguousarray(occupancy), np.ascontiguousarray(superpixels), sums)
-    if sums[:, :3].sum() != occupancy.size:
-        raise ValueError("occupancy has other values than 0 ground, 100 obstacle and 255 unknown; give only these")
+    sums = survey_superpixels(occupancy, superpixels, n)
     ground, area = sums[:, 0], np.maximum(sums[:, 3], 1)
     judged = ground + sums[:, 1]
     says = np.divide(ground, judged, out=np.full(n, _UNDECIDED), where=judged > 0)
@@ -253,13 +252,21 @@ def _votes(
 ) -> NDArray[np.float64]:
     """Return the share of ground among superpixels with evidence, weighted by how much they look alike."""
     exponent = (distances / _VOTE_DISTANCE).astype(np.float32) ** 2
-    for column in (chromaticity / _VOTE_CHROMATICITY).astype(np.float32).T:
-        exponent += (column[:, None] - column) ** 2
+    looks = (chromaticity / _VOTE_CHROMATICITY).astype(np.float32)
+    _add_squared_differences(exponent, looks, looks)
     exponent /= -2
     weights = np.exp(exponent, out=exponent)
     total = (weights @ evidence.share.astype(np.float32)).astype(np.float64)
     says = (weights @ (evidence.share * evidence.ground).astype(np.float32)).astype(np.float64)
     return (says + _STRANGER_WEIGHT * _STRANGER) / (total + _STRANGER_WEIGHT)
+
+
+def _add_squared_differences(
+    sums: NDArray[np.floating[Any]], first: NDArray[np.floating[Any]], second: NDArray[np.floating[Any]]
+) -> None:
+    """Add the squared Euclidean distance of each first point to each second one, in place."""
+    for a, b in zip(first.T, second.T, strict=True):
+        sums += (a[:, None] - b) ** 2
 
 
 def _neighbours(pairs: tuple[NDArray[np.intp], ...], distances: NDArray[np.float64]) -> csr_array:
@@ -283,8 +290,7 @@ def _held(
     now = np.column_stack([places / _SAME_PLACE, chromaticity / _VOTE_CHROMATICITY])
     then = np.column_stack([before.places / _SAME_PLACE, before.chromaticity / _VOTE_CHROMATICITY])
     exponent = np.zeros((len(now), len(then)))
-    for a, b in zip(now.T, then.T, strict=True):
-        exponent += (a[:, None] - b) ** 2
+    _add_squared_differences(exponent, now, then)
     alike = np.exp(exponent / -2)
     total = alike.sum(axis=1)
     weight = _BELIEF_WEIGHT * alike.max(axis=1)

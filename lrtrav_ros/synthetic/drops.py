@@ -100,7 +100,7 @@ def _pit(
 ) -> list[float]:
     """Return the row of a pit beside the path's middle (x) at a way ahead (y), turned against the path."""
     aside, y = place
-    heading = _heading(path, y)
+    heading = raycasting.path_heading(path, y)
     x = raycasting.path_middle(path, y) + aside * math.cos(heading)
     yaw = turn - heading
     return [x, y - aside * math.sin(heading), *half, math.cos(yaw), math.sin(yaw), depth, soil, soil]
@@ -108,15 +108,10 @@ def _pit(
 
 def _edge(path: NDArray[np.float64], y: float, turn: float, depth: float, wall: int, floor: int) -> list[float]:
     """Return the row of a pit without end, whose edge crosses the path's middle at a way ahead."""
-    yaw = turn - _heading(path, y)
+    yaw = turn - raycasting.path_heading(path, y)
     cos, sin = math.cos(yaw), math.sin(yaw)
     x = raycasting.path_middle(path, y) - _ENDLESS_M * sin
     return [x, y + _ENDLESS_M * cos, _ENDLESS_M, _ENDLESS_M, cos, sin, depth, wall, floor]
-
-
-def _heading(path: NDArray[np.float64], y: float) -> float:
-    """Return the direction of the path, to the right of straight ahead [rad]."""
-    return math.atan(raycasting.path_middle(path, y + 0.5) - raycasting.path_middle(path, y - 0.5))
 
 
 def settled(things: list[NDArray[np.float64]], pits: NDArray[np.float64]) -> NDArray[np.float64]:

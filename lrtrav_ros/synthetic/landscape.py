@@ -227,8 +227,7 @@ def _things(
         if any(math.hypot(x - a, y - b) < 2.2 for a, b in taken):
             continue
         taken.append((x, y))
-        slope = raycasting.path_middle(path, y + 0.5) - raycasting.path_middle(path, y - 0.5)
-        place = _Place(x, y, raycasting.ground_height(waves, x, y), math.atan(slope))
+        place = _Place(x, y, raycasting.ground_height(waves, x, y), raycasting.path_heading(path, y))
         things.append(np.array(_thing(_Thing.BOX if on_path else kind, place, rng), np.float64))
     return things
 

@@ -9,6 +9,7 @@ rectangles of the ground that lie lower: a ray that meets the ground there goes 
 from __future__ import annotations
 
 import itertools
+import math
 from concurrent.futures import Executor, Future
 from typing import NamedTuple
 
@@ -281,6 +282,19 @@ def path_middle(path: NDArray[np.float64], y: float) -> float:
     """
     check_array("path", path, np.float64, ("n", 3), may_be_empty=True)
     return float(np.sum(path[:, 2] * np.sin(path[:, 0] * y + path[:, 1])))
+
+
+def path_heading(path: NDArray[np.float64], y: float) -> float:
+    """Return the direction of the path at y, to the right of straight ahead [rad].
+
+    Parameters
+    ----------
+    path : (n, 3) ndarray of float64
+        `Scene.path`.
+    y : float
+        Way ahead [m].
+    """
+    return math.atan(path_middle(path, y + 0.5) - path_middle(path, y - 0.5))
 
 
 def _check_scene(scene: Scene) -> None:

@@ -86,7 +86,7 @@ def _render(
     config: SceneConfig, scene: Scene, index: int, executor: ThreadPoolExecutor, n_threads: int
 ) -> SyntheticFrame:
     """Render one frame."""
-    views = [_view(config, scene, index, side) for side in (0, 1)]
+    views = [camera_view(config, scene, index, side=side) for side in (0, 1)]
     started = [raycasting.cast(scene, view, executor, n_threads) for view in views]
     for _, futures in started:
         for future in futures:
@@ -121,8 +121,20 @@ def _sensed(colour: NDArray[np.float32], config: SceneConfig, side: int, rng: np
     return np.clip(np.rint(level), 0, 255).astype(np.uint8)
 
 
-def _view(config: SceneConfig, scene: Scene, index: int, side: int) -> View:
-    """Return the left (0) or right (1) camera at a frame."""
+def camera_view(config: SceneConfig, scene: Scene, index: int, *, side: int = 0) -> View:
+    """Return a camera at a frame.
+
+    Parameters
+    ----------
+    config : SceneConfig
+        The drive.
+    scene : Scene
+        What `make_scene` makes of it.
+    index : int
+        Number of the frame, from 0.
+    side : int
+        0 for the left camera, 1 for the right one.
+    """
     y = index * config.speed_m_s / config.rate_hz
     x = raycasting.path_middle(scene.path, y)
     yaw = math.atan2(raycasting.path_middle(scene.path, y + 0.5) - raycasting.path_middle(scene.path, y - 0.5), 1.0)

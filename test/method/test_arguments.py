@@ -149,6 +149,9 @@ REGIONS = {
 SUPERPIXELS = {
     "touching_superpixels": Case(partial(extension.touching_superpixels, n=10), lambda h, w: (labels(h, w),)),
     "count_evidence": Case(partial(extension.count_evidence, n=10), lambda h, w: (occupancy(h, w), labels(h, w))),
+    "survey_superpixels": Case(
+        partial(extension.survey_superpixels, n=10), lambda h, w: (occupancy(h, w), labels(h, w))
+    ),
     "propagate": Case(
         propagation.propagate,
         lambda h, w: (
@@ -291,6 +294,7 @@ def test_layout_does_not_matter(name: str, shape: tuple[int, int]) -> None:
         "extend area",
         "extend evidence",
         "count_evidence",
+        "survey_superpixels",
         "propagate",
         "weighted_sum",
         "feature_distances",

@@ -14,12 +14,11 @@ from lrtrav_ros.evaluation.truth.labelled_sets import LabelledFrame, LabelledIte
 from lrtrav_ros.evaluation.truth.labels import Labels, decode_truth
 from lrtrav_ros.frame import Frame
 from lrtrav_ros.io.bag_frames import UnusableFrame
-from lrtrav_ros.io.dataset_folder import DatasetFolder, FrameFile
+from lrtrav_ros.io.dataset_folder import MILLIMETRES, DatasetFolder, FrameFile
 from lrtrav_ros.io.image_files import read_disparity, read_image
 from lrtrav_ros.io.recording import open_recording
 
 _FOLDERS = ("left", "right", "disparity", "depth", "calib", "gt", "height")
-_MILLIMETRES = 1000.0
 
 
 class LabelledFolder:
@@ -79,7 +78,7 @@ class _FolderFrame:
         return LabelledFrame(
             self.file.read(),
             read_truth(truth, self.labels),
-            read_disparity(height, scale=_MILLIMETRES) if height.exists() else None,
+            read_disparity(height, scale=MILLIMETRES) if height.exists() else None,
         )
 
 
