@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from lrtrav_ros.config import SuperpixelsConfig
 from lrtrav_ros.method import superpixels
 from lrtrav_ros.method.superpixels import preemptive_slic
+from lrtrav_ros.numerics.thread_team import ThreadTeam
 
 QUADRANTS = [[0, 1], [2, 3]]
 
@@ -36,7 +37,7 @@ def check(labels: NDArray[np.int32], shape: tuple[int, ...]) -> None:
     assert labels.dtype == np.int32
     names, first = np.unique(labels, return_index=True)
     assert names.tolist() == list(range(names.size))
-    assert (np.diff(first) > 0).all()
+    assert (np.diff(first // shape[1]) >= -1).all()
     assert pieces(labels) == names.size
 
 
@@ -84,15 +85,15 @@ def test_constant_image_gives_regular_grid() -> None:
 def test_superpixels_of_noise_are_connected(noise: NDArray[np.uint8], compactness: float) -> None:
     labels = preemptive_slic(noise, SuperpixelsConfig(n_superpixels=60, compactness=compactness))
     check(labels, noise.shape)
-    size = np.bincount(labels.ravel())
-    assert size.min() >= 0.3 * 48 * 90 / 60
+    size = np.bincount(labels[::2, ::2].ravel())
+    assert size.min() >= 0.3 * 24 * 45 / 60
 
 
-@pytest.mark.parametrize("n_superpixels", [30, 60, 200])
-def test_number_is_about_what_was_asked(scene: NDArray[np.uint8], n_superpixels: int) -> None:
+@pytest.mark.parametrize(("n_superpixels", "slack"), [(30, 0.35), (60, 0.1), (200, 0.1), (2000, 0.1)])
+def test_number_is_about_what_was_asked(scene: NDArray[np.uint8], n_superpixels: int, slack: float) -> None:
     labels = preemptive_slic(scene, SuperpixelsConfig(n_superpixels=n_superpixels, max_iterations=10))
     check(labels, scene.shape)
-    assert labels.max() + 1 == pytest.approx(n_superpixels, rel=0.25)
+    assert labels.max() + 1 == pytest.approx(n_superpixels, rel=slack)
 
 
 def test_higher_compactness_gives_shorter_outlines(scene: NDArray[np.uint8]) -> None:
@@ -107,6 +108,26 @@ def test_same_input_same_output(noise: NDArray[np.uint8]) -> None:
     before = noise.copy()
     np.testing.assert_array_equal(preemptive_slic(noise), preemptive_slic(noise))
     np.testing.assert_array_equal(noise, before)
+
+
+@pytest.mark.parametrize("n_superpixels", [3, 60, 1500])
+@pytest.mark.parametrize("n_threads", [2, 5])
+def test_number_of_threads_does_not_matter(noise: NDArray[np.uint8], n_superpixels: int, n_threads: int) -> None:
+    config = SuperpixelsConfig(n_superpixels=n_superpixels)
+    image = np.tile(noise, (4, 2, 1))[:-1]
+    labels = preemptive_slic(image, config, team=ThreadTeam(n_threads))
+    np.testing.assert_array_equal(labels, preemptive_slic(image, config))
+
+
+@pytest.mark.parametrize("line", [22, 23])
+def test_borders_are_found_to_the_pixel(line: int) -> None:
+    image = np.full((48, 61, 3), (60, 80, 100), np.uint8)
+    image[line:] = (90, 120, 70)
+    image[:, line + 9 :] = (20, 30, 200)
+    labels = preemptive_slic(image, SuperpixelsConfig(n_superpixels=20))
+    check(labels, image.shape)
+    assert np.intersect1d(labels[:line, : line + 9], labels[line:, : line + 9]).size == 0
+    assert np.intersect1d(labels[:, : line + 9], labels[:, line + 9 :]).size == 0
 
 
 def test_layout_does_not_matter(noise: NDArray[np.uint8]) -> None:
@@ -133,6 +154,11 @@ def test_more_superpixels_than_pixels() -> None:
     np.testing.assert_array_equal(labels, np.arange(16 * 12).reshape(16, 12))
 
 
+def test_as_many_superpixels_as_there_can_be() -> None:
+    labels = preemptive_slic(np.zeros((1, 20000), np.uint8), SuperpixelsConfig(n_superpixels=20000))
+    np.testing.assert_array_equal(labels, np.arange(20000).reshape(1, 20000))
+
+
 def test_one_superpixel() -> None:
     np.testing.assert_array_equal(
         preemptive_slic(np.zeros((9, 14), np.uint8), SuperpixelsConfig(n_superpixels=1)), np.zeros((9, 14))
@@ -154,18 +180,19 @@ def test_stops_when_few_pixels_change(scene: NDArray[np.uint8]) -> None:
 def test_settled_clusters_rest(monkeypatch: pytest.MonkeyPatch) -> None:
     image = np.full((80, 160, 3), 128, np.uint8)
     image[:, 120:] = np.random.default_rng(4).integers(0, 256, (80, 40, 3), np.uint8)
-    visits: list[NDArray[np.int16]] = []
-    sweep = superpixels.kernels.sweep
+    visits: list[NDArray[np.bool_]] = []
+    assign = superpixels.kernels.assign
 
-    def record(lab: object, centres: object, visited: NDArray[np.int16], *rest: object) -> object:
-        visits.append(visited)
-        return sweep(lab, centres, visited, *rest)
+    def record(lab: object, centres: object, moved: NDArray[np.bool_], *rest: object) -> None:
+        visits.append(moved[1:-1, 1:-1].copy())
+        assign(lab, centres, moved, *rest)
 
-    monkeypatch.setattr(superpixels.kernels, "sweep", record)
+    monkeypatch.setattr(superpixels.kernels, "assign", record)
     preemptive_slic(image, SuperpixelsConfig(n_superpixels=32, max_iterations=10))
-    assert visits[0].tolist() == list(range(32))
-    assert set(visits[-1] % 8) <= {5, 6, 7}
-    assert 6 in visits[-1] % 8
+    assert visits[0].shape == (4, 8)
+    assert visits[0].all()
+    assert not visits[-1][:, :4].any()
+    assert visits[-1][:, 6].any()
 
 
 def test_preemption_changes_little(scene: NDArray[np.uint8]) -> None:
