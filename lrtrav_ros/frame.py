@@ -231,7 +231,8 @@ def valid_depth(depth_m: NDArray[np.float32]) -> NDArray[np.float32]:
 
 
 def _positive(values: NDArray[np.float32], limit: float) -> NDArray[np.float32]:
-    """Return `values`, 0 where they are not above 0 and below `limit`; without a copy where all are."""
-    if values.min() >= 0 and values.max() < limit:  # false where there is a NaN
+    """Return `values`, 0 where they are not from 0 to below `limit`; without a copy where all are."""
+    bits, bound = values.view(np.uint32), np.float32(limit).view(np.uint32)
+    if bits.max() < bound:  # as bits, NaN and what is negative are greater than any such number
         return values
     return np.where((values > 0) & (values < limit), values, np.float32(0))

@@ -26,6 +26,7 @@ from lrtrav_ros.config import GroundConfig
 from lrtrav_ros.frame import valid_disparity
 from lrtrav_ros.method import _ground_kernels as kernels
 from lrtrav_ros.numerics.checks import check_array, check_count, check_finite
+from lrtrav_ros.numerics.thread_team import ALONE, ThreadTeam
 
 GROUND = kernels.GROUND
 """Value of a traversable pixel in an occupancy image."""
@@ -46,16 +47,11 @@ _MAX_DISPARITIES = 1024  # what is nearer is left to the plane
 _SLOPE_STEP = 0.03  # relative step between the slopes of the Hough transform
 _FIT_STEP_M = 0.1  # the fit begins without tilt and bend, and has to see ground that is off by as much
 _SAMPLING = 3  # rows and columns between the pixels of the refit
-_ITERATIONS = 20
-_MIN_ROW_SPREAD = 0.01  # of the image's height: in fewer rows the slope is left open
-_CONVERGED_PX = 1e-3
 _MAX_SHARE = 0.9  # of the camera's height: things as high as the camera have no disparity of their own
 _SIGNIFICANT_FACE = 3.8  # times the noise of outlying pixels; with Gaussian noise, 8 standard deviations
 _SIGNIFICANT_DROP = 7.3  # times that of typical ones, 5 standard deviations: mismatches are above the ground as a rule
-_CLEAR_PX = 4.0  # ground of less disparity says little about noise
-_MAX_BELOW = 0.25  # of the ground's disparity: what is farther below is a drop or a mismatch
 _LEAST_DROP_PX = (3, 7)  # rows and columns
-_STIFFNESS = 1e-4  # of the bend: with little ground in sight it stays flat
+_LEAST_BAND = 160  # rows or columns that are worth another thread's while
 
 
 @dataclass(frozen=True, slots=True)
@@ -171,18 +167,23 @@ class ShortRange:
         The ground line; None where there is none, and then all is unknown.
     u_disparity : (D, W) ndarray of uint16
         Number of pixels per disparity and column.
+    obstacle_cells : (D, W) ndarray of bool
+        The cells of the u-disparity that obstacles fill.
     v_disparity : (H, D) ndarray of int32
         Number of pixels per row and disparity, without those of obstacles.
-    obstacle_disparity : (H, W) ndarray of float32
-        The disparity of pixels in obstacle cells of the u-disparity; 0 elsewhere.
     """
 
     disparity: NDArray[np.float32]
     occupancy: NDArray[np.uint8]
     line: GroundLine | None
     u_disparity: NDArray[np.uint16]
+    obstacle_cells: NDArray[np.bool_]
     v_disparity: NDArray[np.int32]
-    obstacle_disparity: NDArray[np.float32]
+
+    @property
+    def obstacle_disparity(self) -> NDArray[np.float32]:
+        """The disparity of pixels in obstacle cells, (H, W) ndarray of float32; 0 elsewhere. It is made at each use."""
+        return select_cells(self.disparity, self.obstacle_cells)
 
     @property
     def mask(self) -> NDArray[np.uint8]:
@@ -213,7 +214,11 @@ def traversable_mask(occupancy: NDArray[np.uint8]) -> NDArray[np.uint8]:
 
 
 def detect_ground(
-    disparity: NDArray[np.float32], camera: StereoCamera, config: GroundConfig | None = None
+    disparity: NDArray[np.float32],
+    camera: StereoCamera,
+    config: GroundConfig | None = None,
+    *,
+    team: ThreadTeam = ALONE,
 ) -> ShortRange:
     """Find ground and obstacles in a disparity image.
 
@@ -226,6 +231,8 @@ def detect_ground(
     config : GroundConfig, optional
         The height of obstacles, the mounting of the camera and the precision of disparity; the defaults suit a robot
         with a stereo camera.
+    team : ThreadTeam
+        Threads that share the work; the result does not depend on their number.
 
     Returns
     -------
@@ -240,19 +247,20 @@ def detect_ground(
     config = config or GroundConfig()
     disparity = _checked("disparity", disparity)
     n_disparities = min(int(disparity.max()) + 2, _MAX_DISPARITIES)
-    histogram = kernels.count_columns(disparity, n_disparities)
-    obstacles = kernels.select(disparity, obstacle_cells(histogram, camera, config, n_rows=disparity.shape[0]))
-    v_histogram = kernels.count_rows(disparity - obstacles, n_disparities)
+    histogram = _count_columns(disparity, n_disparities, team)
+    cells = obstacle_cells(histogram, camera, config, n_rows=disparity.shape[0])
+    v_histogram = _count_rows(disparity, ~cells, team)
     line = find_ground_line(v_histogram, camera, config)
     if line is not None:
         line = _refit(line, disparity, camera, config)
+    obstacles = None if config.min_obstacle_m else kernels.select(disparity, cells)
     return ShortRange(
         disparity=disparity,
-        occupancy=_occupancy(disparity, obstacles, line, camera, config),
+        occupancy=_occupancy(disparity, obstacles, line, camera, config, team),
         line=line,
         u_disparity=histogram,
+        obstacle_cells=cells,
         v_disparity=v_histogram,
-        obstacle_disparity=obstacles,
     )
 
 
@@ -278,7 +286,17 @@ def u_disparity(disparity: NDArray[np.float32], *, n_disparities: int) -> NDArra
     """
     disparity = _checked("disparity", disparity)
     check_count("n_disparities", n_disparities)
-    return kernels.count_columns(disparity, n_disparities)
+    return _count_columns(disparity, n_disparities, ALONE)
+
+
+def _count_columns(disparity: NDArray[np.float32], n_disparities: int, team: ThreadTeam) -> NDArray[np.uint16]:
+    """Return the u-disparity."""
+    width = disparity.shape[1]
+    histogram = np.empty((n_disparities, width), np.uint16)
+    team.for_bands(
+        lambda first, end: kernels.count_columns(disparity, first, end, histogram), width, least_rows=_LEAST_BAND
+    )
+    return histogram
 
 
 def v_disparity(disparity: NDArray[np.float32], *, n_disparities: int) -> NDArray[np.int32]:
@@ -303,7 +321,17 @@ def v_disparity(disparity: NDArray[np.float32], *, n_disparities: int) -> NDArra
     """
     disparity = _checked("disparity", disparity)
     check_count("n_disparities", n_disparities)
-    return kernels.count_rows(disparity, n_disparities)
+    return _count_rows(disparity, np.ones((n_disparities, disparity.shape[1]), np.bool_), ALONE)
+
+
+def _count_rows(disparity: NDArray[np.float32], cells: NDArray[np.bool_], team: ThreadTeam) -> NDArray[np.int32]:
+    """Return the v-disparity of the pixels in some cells (D, W) of the u-disparity."""
+    height, counted = disparity.shape[0], cells.view(np.uint8)
+    histogram = np.empty((height, cells.shape[0]), np.int32)
+    team.for_bands(
+        lambda first, end: kernels.count_rows(disparity, counted, first, end, histogram), height, least_rows=_LEAST_BAND
+    )
+    return histogram
 
 
 def obstacle_cells(
@@ -404,14 +432,14 @@ def find_ground_line(
     low = math.log(per_height / config.max_camera_height_m)
     high = math.log(per_height / min(config.min_camera_height_m, config.max_camera_height_m))
     n_slopes = math.ceil((high - low) / _SLOPE_STEP) + 1
-    votes = np.zeros((n_horizons, n_slopes), np.float32)
     log_disparity = np.log(np.maximum(np.arange(n_disparities), 1))
     log_rows = np.log(np.maximum(np.arange(max(n_rows - first, 1)), 1))
     disparity_bins, row_bins = (log_disparity - low) / _SLOPE_STEP + 0.5, log_rows / _SLOPE_STEP
-    kernels.vote(np.ascontiguousarray(histogram), votes, first, disparity_bins, row_bins)
-    votes = cv2.GaussianBlur(votes, (0, 0), 1.0)
-    horizon, slope = np.unravel_index(int(np.argmax(votes)), votes.shape)
-    if votes[horizon, slope] <= 0:
+    histogram = np.ascontiguousarray(histogram)
+    votes = kernels.vote(histogram, first, n_horizons, n_slopes, disparity_bins, row_bins)
+    smooth = cv2.GaussianBlur(np.ascontiguousarray(votes.T, np.float32), (0, 0), 1.0)
+    horizon, slope = np.unravel_index(int(np.argmax(smooth)), smooth.shape)
+    if smooth[horizon, slope] <= 0:
         return None
     pixels_per_row = math.exp(low + float(slope) * _SLOPE_STEP)
     return GroundLine(pixels_per_row, -pixels_per_row * float(first + int(horizon) * kernels.HORIZON_STEP))
@@ -424,34 +452,11 @@ def _refit(
 
     Things stand on the ground and never hang below it, so the weight falls off sooner for pixels above it.
     """
-    sampled = disparity[::_SAMPLING, ::_SAMPLING]
-    v, u = np.nonzero(sampled)
-    rows, columns = (_SAMPLING * v).astype(np.float64), (_SAMPLING * u).astype(np.float64)
-    values = sampled[v, u].astype(np.float64)
+    samples = np.ascontiguousarray(disparity[::_SAMPLING, ::_SAMPLING])
     fitted = np.array([line.slope, line.intercept, 0.0, 0.0])
     noise, relative = 2 * config.noise_px, max(config.max_step_m, _FIT_STEP_M) / line.camera_height_m(camera)
-    n_terms = SHAPES[config.shape]
-    for _ in range(_ITERATIONS):
-        near, below, normal, right = kernels.normal_equations(rows, columns, values, fitted, noise, relative)
-        if (
-            near < max(config.min_support * below, n_terms)
-            or _row_spread(normal) < _MIN_ROW_SPREAD * disparity.shape[0]
-        ):
-            return None
-        normal, right = normal[:n_terms, :n_terms], right[:n_terms]
-        stiffness = normal[1, 1] * np.array([1e-9, 0.0, 1e-6 * disparity.shape[1] ** 2, _STIFFNESS])[:n_terms]
-        right -= stiffness * np.array([0.0, 0.0, 0.0, fitted[3]])[:n_terms]
-        change = np.linalg.solve(normal + np.diag(stiffness), right)
-        fitted[:n_terms] += change
-        if abs(change[0]) * disparity.shape[0] + abs(change[1]) < _CONVERGED_PX:
-            break
-    return GroundLine(*fitted.tolist()) if fitted[0] > 0 and np.isfinite(fitted).all() else None
-
-
-def _row_spread(normal: NDArray[np.float64]) -> float:
-    """Return the standard deviation of the rows that normal equations were made from."""
-    mean = normal[0, 1] / normal[1, 1]
-    return math.sqrt(max(normal[0, 0] / normal[1, 1] - mean * mean, 0.0))
+    found = kernels.fit(samples, _SAMPLING, fitted, SHAPES[config.shape], noise, relative, config.min_support)
+    return GroundLine(*fitted.tolist()) if found and fitted[0] > 0 and np.isfinite(fitted).all() else None
 
 
 def back_project(
@@ -493,70 +498,104 @@ def back_project(
     config = config or GroundConfig()
     disparity, obstacles = _checked("disparity", disparity), _checked("obstacles", obstacles)
     check_array("obstacles", obstacles, np.float32, disparity.shape)
-    return _occupancy(disparity, obstacles, line, camera, config)
+    return _occupancy(disparity, obstacles, line, camera, config, ALONE)
 
 
 def _occupancy(
     disparity: NDArray[np.float32],
-    obstacles: NDArray[np.float32],
+    obstacles: NDArray[np.float32] | None,
     line: GroundLine | None,
     camera: StereoCamera,
     config: GroundConfig,
+    team: ThreadTeam,
 ) -> NDArray[np.uint8]:
-    """Return the occupancy image that `back_project` describes.
+    """Return the occupancy image that `back_project` describes; `obstacles` are of use without `min_obstacle_m` alone.
 
     A thing at height h over a ground of disparity d, seen from height H, has the disparity ``d * H / (H - h)``.
     """
-    occupancy = np.full(disparity.shape, UNKNOWN, np.uint8)
     if line is None:
-        return occupancy
-    coefficients = np.array([line.slope, line.intercept, line.tilt, line.bend])
+        return np.full(disparity.shape, UNKNOWN, np.uint8)
     camera_height = line.camera_height_m(camera)
     step = min(config.max_step_m / camera_height, _MAX_SHARE)
-    if not config.min_obstacle_m:
-        kernels.classify(disparity, obstacles, coefficients, config.noise_px, step, occupancy)
-        return _with_filled_holes(occupancy, disparity, config.max_hole_px)
-    expected = kernels.ground_disparity(coefficients, *disparity.shape)
+    if config.min_obstacle_m or obstacles is None:
+        return _occupancy_by_height(disparity, line, camera_height, step, config, team)
+    occupancy = np.full(disparity.shape, UNKNOWN, np.uint8)
+    kernels.classify(disparity, obstacles, _coefficients(line), config.noise_px, step, occupancy)
+    _fill_holes(occupancy, disparity, config.max_hole_px)
+    return occupancy
+
+
+def _occupancy_by_height(
+    disparity: NDArray[np.float32],
+    line: GroundLine,
+    camera_height: float,
+    step: float,
+    config: GroundConfig,
+    team: ThreadTeam,
+) -> NDArray[np.uint8]:
+    """Return the occupancy image by the height of pixels; `step` is a share of the camera's height."""
+    noise, coefficients = config.noise_px, _coefficients(line)
+    top = _rows_above_horizon(line, disparity.shape, noise, margin=max(config.max_hole_px, *_LEAST_DROP_PX))
+    whole = np.empty(disparity.shape, np.uint8)
+    whole[:top] = OBSTACLE
+    disparity, occupancy = disparity[top:], whole[top:]
+    expected, below = np.empty(disparity.shape, np.float32), np.zeros(disparity.shape, np.uint8)
+    typical, outlying = _noise_below(disparity, top, coefficients)
     stands = min(config.min_obstacle_m / camera_height, _MAX_SHARE)
-    kernels.classify_by_height(disparity, expected, config.noise_px, step, stands, occupancy)
-    typical, outlying = _noise_below(disparity, expected)
-    least = max(_SIGNIFICANT_FACE * outlying, 2 * config.noise_px)
-    if config.contact_margin < 1:
-        kernels.mark_faces(disparity, expected, config.noise_px, least, step, config.contact_margin, occupancy)
-    if config.min_drop_m:
-        deep = config.min_drop_m / camera_height
-        typical = min(typical, config.noise_px / 2)  # where a ditch is most of what is below, it is no noise
-        below = kernels.drops(
-            disparity,
-            expected,
-            occupancy,
-            config.noise_px,
-            max(_SIGNIFICANT_DROP * typical, config.noise_px),
-            step,
-            deep,
-        )
-        occupancy[cv2.morphologyEx(below, cv2.MORPH_OPEN, np.ones(_LEAST_DROP_PX, np.uint8)) > 0] = OBSTACLE
-    return _with_filled_holes(occupancy, disparity, config.max_hole_px)
+    least_face = max(_SIGNIFICANT_FACE * outlying, 2 * noise)
+    typical = min(typical, noise / 2)  # where a ditch is most of what is below, it is no noise
+    least_drop = max(_SIGNIFICANT_DROP * typical, noise)
+    deep, margin = config.min_drop_m / camera_height, config.contact_margin
+
+    def classify(first: int, end: int) -> None:
+        """Classify the pixels of a band of columns."""
+        kernels.classify_by_height(disparity, top, coefficients, noise, step, stands, first, end, expected, occupancy)
+        if margin < 1:
+            kernels.mark_faces(disparity, expected, noise, least_face, step, margin, first, end, occupancy)
+        if deep:
+            kernels.mark_drops(disparity, expected, occupancy, noise, least_drop, step, deep, first, end, below)
+
+    team.for_bands(classify, disparity.shape[1], least_rows=_LEAST_BAND)
+    if below.any():
+        opened = cv2.morphologyEx(below, cv2.MORPH_OPEN, np.ones(_LEAST_DROP_PX, np.uint8))
+        occupancy[opened > 0] = OBSTACLE
+    _fill_holes(occupancy, disparity, config.max_hole_px)
+    return whole
 
 
-def _noise_below(disparity: NDArray[np.float32], expected: NDArray[np.float32]) -> tuple[float, float]:
+def _coefficients(line: GroundLine) -> NDArray[np.float64]:
+    """Return a line as kernels take it."""
+    return np.array([line.slope, line.intercept, line.tilt, line.bend])
+
+
+def _rows_above_horizon(line: GroundLine, shape: tuple[int, int], noise: float, *, margin: int) -> int:
+    """Return how many rows lie above the horizon as a whole, but for a margin; a multiple of `_SAMPLING`."""
+    highest = line.intercept + max(line.tilt * shape[1], 0.0)
+    rows = min(max((-noise - highest) / line.slope - margin, 0), shape[0] - 1)  # OpenCV wants one at least
+    return int(rows) // _SAMPLING * _SAMPLING
+
+
+def _noise_below(disparity: NDArray[np.float32], top: int, coefficients: NDArray[np.float64]) -> tuple[float, float]:
     """Return median and 97th percentile of how far pixels below the ground are below it, in pixels.
 
     No thing is there, so that this is noise; but a ditch may be, which the median withstands.
     """
-    sampled, ground = disparity[::_SAMPLING, ::_SAMPLING], expected[::_SAMPLING, ::_SAMPLING]
-    below = ground - sampled
-    residuals = below[(sampled > 0) & (ground > _CLEAR_PX) & (below > 0) & (below < _MAX_BELOW * ground)]
-    return (float(np.median(residuals)), float(np.percentile(residuals, 97))) if residuals.size else (0.0, 0.0)
+    residuals = kernels.residuals_below(disparity, top, coefficients, _SAMPLING)
+    if not residuals.size:
+        return 0.0, 0.0
+    places = np.array([0.5, 0.97]) * (residuals.size - 1)
+    low, high = np.floor(places).astype(int), np.ceil(places).astype(int)
+    ordered = np.partition(residuals, (*low, *high))  # np.percentile takes three times as long
+    typical, outlying = ordered[low] + (places - low) * (ordered[high] - ordered[low])
+    return float(typical), float(outlying)
 
 
-def _with_filled_holes(occupancy: NDArray[np.uint8], disparity: NDArray[np.float32], size: int) -> NDArray[np.uint8]:
-    """Return occupancy with ground, set in place, in holes of the ground without disparity, up to `size` pixels."""
+def _fill_holes(occupancy: NDArray[np.uint8], disparity: NDArray[np.float32], size: int) -> None:
+    """Set ground in holes of the ground without disparity, up to `size` pixels."""
     if size > 1:
         ground = (occupancy == GROUND).astype(np.uint8)
         closed = cv2.morphologyEx(ground, cv2.MORPH_CLOSE, np.ones((size, size), np.uint8))
         kernels.fill_holes(closed, disparity, occupancy)
-    return occupancy
 
 
 def _checked(name: str, disparity: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -22,6 +23,7 @@ from lrtrav_ros.method.ground import (
     u_disparity,
     v_disparity,
 )
+from lrtrav_ros.numerics.thread_team import ThreadTeam
 
 HEIGHT, WIDTH = 120, 200
 CAMERA = StereoCamera(fx=150.0, cx=100.0, cy=55.0, baseline_m=0.3)
@@ -204,3 +206,66 @@ def test_ground_that_bends(curvature_per_m: float) -> None:
     far = (disparity > 0.5) & (disparity < 4)
     error = np.abs(fitted.disparity(HEIGHT, WIDTH) - disparity)[far].mean()
     assert error < 0.25 * np.abs(flat.disparity(HEIGHT, WIDTH) - disparity)[far].mean()
+
+
+@pytest.mark.parametrize("n_threads", [2, 3])
+@pytest.mark.parametrize("preset", ["robust", "paper"])
+def test_the_number_of_threads_changes_nothing(preset: str, n_threads: int) -> None:
+    camera = StereoCamera(fx=400.0, cx=250.0, cy=90.0, baseline_m=0.3)
+    v, u = np.mgrid[:327, :501]
+    noise = np.random.default_rng(0).normal(0, 0.2, v.shape)
+    disparity = np.where(v > 92, 0.3 * (v - 90) + 0.004 * u + noise, 0).astype(np.float32)
+    disparity[100:180, 200:260] = 30
+    disparity[150:190, 300:340] = 0
+    config = Config.preset(preset).ground
+    alone, together = (detect_ground(disparity, camera, config, team=ThreadTeam(n)) for n in (1, n_threads))
+    assert alone.line is not None
+    assert together.line == alone.line
+    for name in ("occupancy", "u_disparity", "v_disparity", "obstacle_cells", "obstacle_disparity"):
+        np.testing.assert_array_equal(getattr(together, name), getattr(alone, name), err_msg=name)
+
+
+def test_v_disparity_leaves_out_the_obstacles() -> None:
+    disparity, _ = with_box(plane_disparity(pitch_deg=0.0), depth_m=3.0, box_m=0.9)
+    found = detect_ground(disparity, CAMERA)
+    obstacles = found.obstacle_disparity
+    assert (obstacles > 0).sum() > 1000
+    n_disparities = found.v_disparity.shape[1]
+    np.testing.assert_array_equal(found.v_disparity, v_disparity(disparity - obstacles, n_disparities=n_disparities))
+
+
+def test_disparities_are_rounded_half_up() -> None:
+    below_half = np.nextafter(np.float32(0.5), np.float32(0))
+    values = np.array([[below_half, 0.5, 1.4999999, 1.5, 2.5, 3.4999998, 3.5, 40000]], np.float32)[:, [*range(8), 3]]
+    np.testing.assert_array_equal(v_disparity(values, n_disparities=4), [[0, 2, 2, 2]])
+
+
+@pytest.mark.parametrize(("cy", "max_pitch_deg"), [(55.0, 45.0), (20.0, 60.0), (150.0, 10.0), (400.0, 20.0)])
+@pytest.mark.parametrize("height", [121, 120, 7])
+def test_the_line_is_the_one_with_most_votes(height: int, cy: float, max_pitch_deg: float) -> None:
+    rng = np.random.default_rng(height)
+    histogram = np.where(rng.random((height, 30)) < 0.2, rng.integers(0, 50, (height, 30)), 0).astype(np.int32)
+    camera = StereoCamera(fx=150.0, cx=100.0, cy=cy, baseline_m=0.3)
+    config = GroundConfig(max_pitch_deg=max_pitch_deg)
+    assert find_ground_line(histogram, camera, config) == line_by_votes(histogram, camera, config)
+
+
+def line_by_votes(histogram: NDArray[np.int32], camera: StereoCamera, config: GroundConfig) -> GroundLine | None:
+    """Return the line that most cells of a v-disparity vote for, each for all horizons, one after the other."""
+    reach = math.tan(math.radians(config.max_pitch_deg)) * camera.fy
+    first = math.floor(camera.cy - reach)
+    low = math.log(camera.baseline_m / config.max_camera_height_m)
+    n_slopes = math.ceil((math.log(camera.baseline_m / config.min_camera_height_m) - low) / 0.03) + 1
+    n_horizons = max(math.floor(min(camera.cy + reach, len(histogram)) - first) // 2, 1)
+    votes = np.zeros((n_horizons, n_slopes), np.float32)
+    for v, d in zip(*np.nonzero(histogram), strict=True):
+        for i in range(n_horizons):
+            below = v - first - 2 * i
+            if d >= 3 and v >= first and below > 0:
+                slope = (np.log(d) - low) / 0.03 + 0.5 - np.log(below) / 0.03
+                if 0 <= slope < n_slopes:
+                    votes[i, int(slope)] += histogram[v, d]
+    votes = cv2.GaussianBlur(votes, (0, 0), 1.0)
+    horizon, best = np.unravel_index(int(np.argmax(votes)), votes.shape)
+    slope = math.exp(low + 0.03 * float(best))
+    return GroundLine(slope, -slope * float(first + 2 * int(horizon))) if votes.max() > 0 else None

@@ -314,3 +314,26 @@ def test_preset_paper_is_as_it_was() -> None:
     assert (found.line.slope, found.line.intercept) == pytest.approx((0.1201315, -7.2102576), rel=1e-5)
     counts = [int((found.occupancy == value).sum()) for value in (GROUND, OBSTACLE, UNKNOWN)]
     assert counts == pytest.approx([75541, 39128, 5331], abs=5)  # found before feet, drops and holes were looked for
+
+
+@pytest.mark.parametrize("n_rows", [0, 1, 48])
+def test_rows_above_the_horizon_change_nothing_below(n_rows: int) -> None:
+    disparity, _ = with_ditch(4.0, 6.0, 0.5, where=MIDDLE)
+    disparity, _ = with_face(disparity, 3.0, top_m=0.9, where=u < 100)
+    disparity[:, ::7] = 0
+    higher = np.concatenate([np.full((n_rows, WIDTH), 9, np.float32), disparity])
+    lower = disparity[42:]  # 18 rows remain above the horizon
+    # the same ground from another row on, in numbers of few digits
+    found, expected = (
+        back_project(image, np.zeros_like(image), GroundLine(0.125, -0.125 * horizon), CAMERA)
+        for image, horizon in ((higher, n_rows + 60), (lower, 18))
+    )
+    assert (found[: n_rows + 42] == OBSTACLE).all()
+    assert {*np.unique(expected).tolist()} == {GROUND, OBSTACLE, UNKNOWN}
+    np.testing.assert_array_equal(found[n_rows + 42 :], expected)
+
+
+@pytest.mark.parametrize("intercept", [-36.0, -1e6])
+def test_an_image_above_the_horizon_is_an_obstacle(intercept: float) -> None:
+    line = GroundLine(SLOPE, intercept)
+    assert (back_project(plane, np.zeros_like(plane), line, CAMERA) == OBSTACLE).all()
