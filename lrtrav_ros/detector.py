@@ -10,21 +10,23 @@ from dataclasses import dataclass
 from functools import cached_property, partial
 from typing import ParamSpec, TypeVar
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from lrtrav_ros.camera import StereoCamera
 from lrtrav_ros.config import Config, GroundConfig
 from lrtrav_ros.frame import Frame, Image, as_8bit
-from lrtrav_ros.method.clustering import spectral_clusters
+from lrtrav_ros.method.clustering import spectral_clusters, spread_clusters
 from lrtrav_ros.method.extension import extend
 from lrtrav_ros.method.features import Features, feature_distances, superpixel_features
 from lrtrav_ros.method.ground import ShortRange, detect_ground, traversable_mask
 from lrtrav_ros.method.matching import Matcher, create_matcher
 from lrtrav_ros.method.memory import Memory
-from lrtrav_ros.method.propagation import propagate
+from lrtrav_ros.method.propagation import SuperpixelGraph, propagate, superpixel_graph
 from lrtrav_ros.method.superpixels import preemptive_slic
 from lrtrav_ros.numerics.checks import check_array
+from lrtrav_ros.numerics.thread_team import ALONE, ThreadTeam
 
 _P = ParamSpec("_P")
 _R = TypeVar("_R")
@@ -158,11 +160,14 @@ class ShortRangeDetector:
         Only `source`, `stereo`, `elas`, `ground` and `threads` are used.
     matcher : Matcher, optional
         Used in place of the one that `config` names, to share one among detectors.
+    team : ThreadTeam, optional
+        Threads to share the work; one of its own, as large as `config` says, where none is given.
     """
 
-    def __init__(self, config: Config, *, matcher: Matcher | None = None) -> None:
+    def __init__(self, config: Config, *, matcher: Matcher | None = None, team: ThreadTeam | None = None) -> None:
         self.config = config
-        self._matcher = matcher or create_matcher(config.stereo, config.elas, threads=config.n_threads)
+        self._team = team or _new_team(config)
+        self._matcher = matcher or create_matcher(config.stereo, config.elas, team=self._team)
 
     def detect(self, frame: Frame, run: StageRunner | None = None) -> ShortRange:
         """Detect ground and obstacles in a frame.
@@ -182,7 +187,7 @@ class ShortRangeDetector:
         run = run or StageRunner()
         disparity = self._disparity(frame, run)
         disparity = run(Stage.GROUND, within_reach, disparity, frame.camera, self.config.source.max_depth_m)
-        return run(Stage.GROUND, detect_ground, disparity, frame.camera, config=self._ground_config(frame))
+        return run(Stage.GROUND, detect_ground, disparity, frame.camera, self._ground_config(frame), team=self._team)
 
     def _disparity(self, frame: Frame, run: StageRunner) -> NDArray[np.float32]:
         """Return the disparity of a frame, from whatever source, however far it goes."""
@@ -197,6 +202,12 @@ class ShortRangeDetector:
         """Return the settings of the ground for the precision of the frame's source."""
         config = self.config.ground
         return dataclasses.replace(config, noise_px=config.depth_noise_px) if frame.source == "depth" else config
+
+
+def _new_team(config: Config) -> ThreadTeam:
+    """Return a team of as many threads as a configuration says, and hold OpenCV, in the whole process, to as many."""
+    cv2.setNumThreads(config.n_threads)
+    return ThreadTeam(config.n_threads) if config.n_threads > 1 else ALONE
 
 
 def within_reach(disparity: NDArray[np.float32], camera: StereoCamera, limit_m: float) -> NDArray[np.float32]:
@@ -220,6 +231,25 @@ def within_reach(disparity: NDArray[np.float32], camera: StereoCamera, limit_m: 
     return np.where(disparity >= camera.fx * camera.baseline_m / limit_m, disparity, np.float32(0))
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Appearance:
+    """What the left image of a frame looks like: all of the long range that needs no disparity.
+
+    Parameters
+    ----------
+    superpixels : (H, W) ndarray of int32
+        Labels 0 .. n - 1.
+    features : Features
+        Of the n superpixels.
+    graph : SuperpixelGraph or None
+        How they are alike, for the rule ``propagation``.
+    """
+
+    superpixels: NDArray[np.int32]
+    features: Features
+    graph: SuperpixelGraph | None
+
+
 class LongRangeDetector:
     """Extends short-range ground to the horizon, over superpixels of the left image.
 
@@ -228,15 +258,18 @@ class LongRangeDetector:
     Parameters
     ----------
     config : Config
-        Only `superpixels`, `features`, `clustering`, `extension` and `memory` are used.
+        Only `superpixels`, `features`, `clustering`, `extension`, `memory` and `threads` are used.
     memory : Memory, optional
         What is remembered, to go on with where settings other than those of `features` change; empty where none is
         given.
+    team : ThreadTeam, optional
+        Threads to share the work; one of its own, as large as `config` says, where none is given.
     """
 
-    def __init__(self, config: Config, *, memory: Memory | None = None) -> None:
+    def __init__(self, config: Config, *, memory: Memory | None = None, team: ThreadTeam | None = None) -> None:
         self.config = config
         self.memory = Memory(config.memory) if memory is None else memory  # an empty one has length 0
+        self._team = team or _new_team(config)
 
     def detect(
         self,
@@ -246,7 +279,7 @@ class LongRangeDetector:
         *,
         stamp_ns: int | None = None,
     ) -> LongRange:
-        """Detect the traversable region to the horizon.
+        """Detect the traversable region to the horizon: `look`, then `extend`.
 
         Parameters
         ----------
@@ -269,53 +302,106 @@ class LongRangeDetector:
         TypeError, ValueError
             If the two differ in size, or one has another type.
         """
+        check_array("occupancy", occupancy, np.uint8, as_8bit(image).shape[:2])
+        return self.extend(self.look(image, run), occupancy, run, stamp_ns=stamp_ns)
+
+    def look(self, image: Image, run: StageRunner | None = None) -> Appearance:
+        """Find all that needs no disparity; it may run beside the stereo matching.
+
+        Parameters
+        ----------
+        image : (H, W) or (H, W, 3) ndarray of uint8 or uint16
+            The left image, grey or BGR.
+        run : StageRunner, optional
+            Times the stages.
+
+        Returns
+        -------
+        Appearance
+            For `extend`.
+
+        Raises
+        ------
+        TypeError, ValueError
+            If the image is not such an array.
+        """
         run, config, image = run or StageRunner(), self.config, as_8bit(image)
-        check_array("occupancy", occupancy, np.uint8, image.shape[:2])
-        superpixels = run(Stage.SUPERPIXELS, preemptive_slic, image, config.superpixels)
-        features = run(Stage.FEATURES, superpixel_features, image, superpixels, config.features)
+        superpixels = run(Stage.SUPERPIXELS, preemptive_slic, image, config.superpixels, team=self._team)
+        features = run(Stage.FEATURES, superpixel_features, image, superpixels, config.features, team=self._team)
+        graph = None
         if config.extension.rule == "propagation":
-            return self._propagate(occupancy, superpixels, features, stamp_ns, run)
-        distances = run(Stage.FEATURES, feature_distances, features, config.features)
-        clusters = run(Stage.CLUSTERING, spectral_clusters, distances, config.clustering)
+            graph = run(Stage.FEATURES, superpixel_graph, superpixels, features, config.features, team=self._team)
+        return Appearance(superpixels, features, graph)
+
+    def extend(
+        self,
+        appearance: Appearance,
+        occupancy: NDArray[np.uint8],
+        run: StageRunner | None = None,
+        *,
+        stamp_ns: int | None = None,
+    ) -> LongRange:
+        """Extend short-range ground over an image, and remember what was found.
+
+        Parameters
+        ----------
+        appearance : Appearance
+            What `look` found in the image.
+        occupancy, run, stamp_ns
+            As in `detect`.
+
+        Returns
+        -------
+        LongRange
+            As from `detect`.
+
+        Raises
+        ------
+        TypeError, ValueError
+            If the occupancy is not such an array, or not of the image's size.
+        """
+        run, config, superpixels = run or StageRunner(), self.config, appearance.superpixels
+        check_array("occupancy", occupancy, np.uint8, superpixels.shape)
+        if appearance.graph is not None:
+            return self._propagate(occupancy, appearance.graph, stamp_ns, run)
+        clusters = _find_clusters(appearance.features, config, run)
         extended = run(Stage.EXTENSION, extend, occupancy, superpixels, clusters, config.extension)
         return LongRange(extended, superpixels, lambda: clusters)
 
     def _propagate(
-        self,
-        occupancy: NDArray[np.uint8],
-        superpixels: NDArray[np.int32],
-        features: Features,
-        stamp_ns: int | None,
-        run: StageRunner,
+        self, occupancy: NDArray[np.uint8], graph: SuperpixelGraph, stamp_ns: int | None, run: StageRunner
     ) -> LongRange:
         """Extend short-range ground by propagation, with what the memory holds."""
-        config = self.config
         self.memory.at(stamp_ns)
-        known, remembered = self.memory.recall(features)
-        distances = run(Stage.FEATURES, feature_distances, known, config.features)
         found = run(
             Stage.EXTENSION,
             propagate,
             occupancy,
-            superpixels,
-            distances,
-            known.chromaticity,
-            remembered=remembered,
+            graph,
+            remembered=self.memory.recall(),
             before=self.memory.belief,
-            min_share=config.extension.min_share,
+            min_share=self.config.extension.min_share,
+            team=self._team,
         )
-        self.memory.remember(features, found.evidence, found.belief)
-        find_clusters = partial(_clusters, features, config)
-        return LongRange(found.occupancy, superpixels, find_clusters, found.confidence)
+        self.memory.remember(graph.features, found.evidence, found.belief)
+        find_clusters = partial(_find_clusters, graph.features, self.config, StageRunner())
+        return LongRange(found.occupancy, graph.superpixels, find_clusters, found.confidence)
 
 
-def _clusters(features: Features, config: Config) -> NDArray[np.int32]:
+def _find_clusters(features: Features, config: Config, run: StageRunner) -> NDArray[np.int32]:
     """Return the cluster of each superpixel."""
-    return spectral_clusters(feature_distances(features, config.features), config.clustering)
+    landmarks = features.landmarks
+    some = features if len(landmarks) == len(features) else features.chosen(landmarks)
+    distances = run(Stage.FEATURES, feature_distances, some, config.features)
+    clusters = run(Stage.CLUSTERING, spectral_clusters, distances, config.clustering)
+    return run(Stage.CLUSTERING, spread_clusters, clusters, features, config.features)
 
 
 class Detector:
     """Detects the traversable region, frame by frame; between frames it keeps only the memory of the long range.
+
+    It uses as many threads as `config` says, and holds OpenCV, in the whole process, to as many. What needs no
+    disparity is done beside the stereo matching. Results do not depend on the number of threads.
 
     Parameters
     ----------
@@ -337,8 +423,9 @@ class Detector:
     def __init__(self, config: Config, camera: StereoCamera | None = None, *, matcher: Matcher | None = None) -> None:
         self.config = config
         self.camera = camera
-        self.short_range = ShortRangeDetector(config, matcher=matcher)
-        self.long_range = LongRangeDetector(config)
+        self._team = _new_team(config)
+        self.short_range = ShortRangeDetector(config, matcher=matcher, team=self._team)
+        self.long_range = LongRangeDetector(config, team=self._team)
 
     def detect(
         self,
@@ -397,6 +484,9 @@ class Detector:
             If the frame has no left image.
         """
         run, image = run or StageRunner(), frame.image
-        short_range = self.short_range.detect(frame, run)
-        long_range = self.long_range.detect(image, short_range.occupancy, run, stamp_ns=frame.stamp_ns)
+        with self._team.start(self.long_range.look, image, run) as appearance:
+            short_range = self.short_range.detect(frame, run)
+            long_range = self.long_range.extend(
+                appearance.result(), short_range.occupancy, run, stamp_ns=frame.stamp_ns
+            )
         return Detection(image, short_range, long_range, run.times)

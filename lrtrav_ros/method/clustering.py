@@ -15,8 +15,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import eigh
+from scipy.spatial.distance import cdist
 
-from lrtrav_ros.config import ClusteringConfig
+from lrtrav_ros.config import ClusteringConfig, FeaturesConfig
+from lrtrav_ros.method.features import Features, compare
 from lrtrav_ros.numerics.blas import one_blas_thread
 from lrtrav_ros.numerics.checks import check_array, check_distances, check_finite
 
@@ -57,6 +59,36 @@ def spectral_clusters(distances: NDArray[np.float64], config: ClusteringConfig |
     embedded = embedded / np.where(norm > 0, norm, 1)
     rng = np.random.default_rng(config.seed)
     return _k_means(embedded, CENTRES[config.centres](embedded, k, rng))
+
+
+def spread_clusters(
+    clusters: NDArray[np.int32], features: Features, config: FeaturesConfig | None = None
+) -> NDArray[np.int32]:
+    """Return the cluster of each superpixel, where only landmarks were clustered: that of the landmark most like it.
+
+    Parameters
+    ----------
+    clusters : (m,) ndarray of int32
+        The cluster of each landmark, `Features.landmarks`.
+    features : Features
+        Of n superpixels.
+    config : FeaturesConfig, optional
+        By what they are compared.
+
+    Returns
+    -------
+    (n,) ndarray of int32
+        `clusters` itself where all superpixels are landmarks.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If the features are none, or `clusters` has not a number for each landmark.
+    """
+    check_array("clusters", clusters, np.int32, (len(features.landmarks),))
+    if len(clusters) == len(features):
+        return clusters
+    return clusters[np.argmin(compare(features, config).with_landmarks(), axis=1)]
 
 
 def affinity(distances: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -159,8 +191,7 @@ def _k_means(points: NDArray[np.float64], centres: NDArray[np.float64]) -> NDArr
     """Return the nearest centre of each point once none changes (Lloyd); empty clusters drop out."""
     labels = np.full(len(points), -1)
     for _ in range(_MAX_ITERATIONS):
-        squared = ((points[:, None, :] - centres[None, :, :]) ** 2).sum(axis=2)
-        nearest = np.argmin(squared, axis=1)
+        nearest = np.argmin(cdist(points, centres, "sqeuclidean"), axis=1)
         if np.array_equal(nearest, labels):
             break
         labels = nearest

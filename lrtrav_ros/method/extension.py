@@ -9,6 +9,7 @@ References
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +20,9 @@ from lrtrav_ros.config import ExtensionConfig
 from lrtrav_ros.method import _extension_kernels as kernels
 from lrtrav_ros.method.ground import GROUND, OBSTACLE, UNKNOWN
 from lrtrav_ros.numerics.checks import check_array, check_labels
+
+_COLUMNS = np.full(256, 3, np.uint8)  # of the counts of each superpixel; the last is for what is no occupancy
+_COLUMNS[[GROUND, OBSTACLE, UNKNOWN]] = [0, 1, 2]
 
 
 def extend(
@@ -82,14 +86,42 @@ def connected_regions(superpixels: NDArray[np.int32], clusters: NDArray[np.int32
     """
     check_array("superpixels", superpixels, np.int32, ("H", "W"))
     _check_clusters(clusters, superpixels)
-    n = len(clusters)
-    first, second = np.nonzero(touching_superpixels(superpixels, n) & (clusters[:, None] == clusters))
-    graph = coo_array((np.ones(len(first), np.int8), (first, second)), shape=(n, n))
+    layout = superpixel_layout(superpixels, len(clusters))
+    first, second = layout.pairs
+    same = clusters[first] == clusters[second]
+    graph = coo_array((same[same], (first[same], second[same])), shape=(len(clusters), len(clusters)))
     return np.asarray(connected_components(graph, directed=False)[1], np.int32)
 
 
-def touching_superpixels(superpixels: NDArray[np.int32], n: int) -> NDArray[np.bool_]:
-    """Return which superpixels meet in a row or a column.
+@dataclass(frozen=True, slots=True, eq=False)
+class Layout:
+    """How n superpixels lie in an image.
+
+    Parameters
+    ----------
+    area : (n,) ndarray of int64
+        Number of pixels.
+    middles : (n, 2) ndarray of float64
+        Row and column of the middle, in pixels; 0 for labels that no pixel has.
+    starts : (n + 1,) ndarray of int32
+        Where the neighbours of each superpixel start in `others`, and where those of the last end.
+    others : (p,) ndarray of int32
+        The neighbours of each superpixel, those that meet it in a row or a column, in the order of their numbers.
+    """
+
+    area: NDArray[np.int64]
+    middles: NDArray[np.float64]
+    starts: NDArray[np.int32]
+    others: NDArray[np.int32]
+
+    @property
+    def pairs(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+        """The pairs of neighbours, each of them both ways: the numbers of the one, (p,), and of the other."""
+        return np.repeat(np.arange(len(self.area)), np.diff(self.starts)), self.others.astype(np.intp)
+
+
+def superpixel_layout(superpixels: NDArray[np.int32], n: int) -> Layout:
+    """Return where superpixels are, how large, and which are neighbours.
 
     Parameters
     ----------
@@ -98,11 +130,6 @@ def touching_superpixels(superpixels: NDArray[np.int32], n: int) -> NDArray[np.b
     n : int
         Number of superpixels.
 
-    Returns
-    -------
-    (n, n) ndarray of bool
-        Symmetric, False on the diagonal.
-
     Raises
     ------
     TypeError, ValueError
@@ -110,9 +137,10 @@ def touching_superpixels(superpixels: NDArray[np.int32], n: int) -> NDArray[np.b
     """
     check_array("superpixels", superpixels, np.int32, ("H", "W"))
     check_labels("superpixels", superpixels, n)
-    touching = np.zeros((n, n), np.bool_)
-    kernels.mark_neighbours(np.ascontiguousarray(superpixels), touching)
-    return touching | touching.T
+    sums = np.zeros((n, 3), np.int64)
+    first, second = kernels.survey(np.ascontiguousarray(superpixels), sums)
+    starts, others = kernels.neighbours(first, second, n)
+    return Layout(sums[:, 0], sums[:, 1:] / np.maximum(sums[:, :1], 1), starts, others)
 
 
 def count_evidence(
@@ -138,38 +166,15 @@ def count_evidence(
     TypeError, ValueError
         If an argument is not such an array, or the two differ in size.
     """
-    sums = survey_superpixels(occupancy, superpixels, n)
-    return sums[:, 0], sums[:, 1], sums[:, 3]
-
-
-def survey_superpixels(occupancy: NDArray[np.uint8], superpixels: NDArray[np.int32], n: int) -> NDArray[np.int64]:
-    """Return sums over the pixels of each superpixel.
-
-    Parameters
-    ----------
-    occupancy, superpixels, n
-        As `count_evidence` takes them.
-
-    Returns
-    -------
-    (n, 6) ndarray of int64
-        Numbers of ground, obstacle and unknown pixels and of all pixels, the sum of their rows and that of their
-        columns.
-
-    Raises
-    ------
-    TypeError, ValueError
-        If an argument is not such an array, or the two differ in size.
-    """
     check_array("superpixels", superpixels, np.int32, ("H", "W"))
     check_array("occupancy", occupancy, np.uint8, superpixels.shape)
     check_labels("superpixels", superpixels, n)
-    sums = np.zeros((n, 6), np.int64)
-    values = np.array([GROUND, OBSTACLE, UNKNOWN], np.uint8)
-    kernels.survey(np.ascontiguousarray(occupancy), np.ascontiguousarray(superpixels), values, sums)
-    if sums[:, :3].sum() != occupancy.size:
+    counts = np.zeros((n, 4), np.uint32)
+    kernels.count_values(np.ascontiguousarray(occupancy), np.ascontiguousarray(superpixels), _COLUMNS, counts)
+    if counts[:, 3].any():
         raise ValueError("occupancy has other values than 0 ground, 100 obstacle and 255 unknown; give only these")
-    return sums
+    ground, obstacle, unknown, _ = counts.T.astype(np.int64)
+    return ground, obstacle, ground + obstacle + unknown
 
 
 def _check_clusters(clusters: NDArray[np.int32], superpixels: NDArray[np.int32]) -> None:

@@ -19,7 +19,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
+from typing import Any, Protocol
 
 import cv2
 import numpy as np
@@ -30,13 +30,19 @@ from lrtrav_ros.frame import to_grey
 from lrtrav_ros.method import _features_kernels as kernels
 from lrtrav_ros.numerics.blas import one_blas_thread
 from lrtrav_ros.numerics.checks import check_array, check_distances, check_image, check_labels
+from lrtrav_ros.numerics.thread_team import ALONE, ThreadTeam
 
-HSV_BINS = (9, 8, 6)
+HSV_BINS = (kernels.HUES, kernels.SATURATIONS, kernels.VALUES)
 """Bins of the colour histogram along hue, saturation and value."""
+
+MAX_LANDMARKS = 640
+"""Superpixels that all are compared with, at most: time and memory grow with n times this, not with n squared."""
 
 _MAX_SHARE = 1 + 1e-3  # of a histogram in one bin: its sum is not exact
 _DARK = 4.0  # grey levels: in the dark, the ratios of colours are noise
 _SPARSE = 0.8  # share of bins in use, below which it is worth the time to leave the others out
+_LEAST_ROWS = 64  # of a matrix of distances, that are worth a thread
+_PAIRS_AT_ONCE = 1024
 _FLAT = 1e-7  # spread of a histogram, against its mean, that rounding makes
 _WEBER_GAIN = 3.0
 _TERNARY_THRESHOLD = 5
@@ -65,6 +71,12 @@ class Features:
     def __len__(self) -> int:
         return len(self.colour)
 
+    @property
+    def landmarks(self) -> NDArray[np.intp]:
+        """Numbers of those that all are compared with: all, or `MAX_LANDMARKS` that are evenly spread over them."""
+        n = len(self)
+        return np.arange(n) if n <= MAX_LANDMARKS else np.linspace(0, n - 1, MAX_LANDMARKS).astype(np.intp)
+
     def chosen(self, which: NDArray[np.intp]) -> Features:
         """Return the features of superpixels given by their numbers, (m,) ndarray of intp."""
         return Features(self.colour[which], self.texture[which], self.chromaticity[which])
@@ -80,7 +92,11 @@ def joined(parts: Sequence[Features]) -> Features:
 
 
 def superpixel_features(
-    image: NDArray[np.uint8], superpixels: NDArray[np.int32], config: FeaturesConfig | None = None
+    image: NDArray[np.uint8],
+    superpixels: NDArray[np.int32],
+    config: FeaturesConfig | None = None,
+    *,
+    team: ThreadTeam = ALONE,
 ) -> Features:
     """Return what each superpixel looks like.
 
@@ -92,6 +108,8 @@ def superpixel_features(
         Labels 0 .. n - 1.
     config : FeaturesConfig, optional
         `texture` is used; the default is the best of [1].
+    team : ThreadTeam, optional
+        The threads that share the work; the result does not depend on it.
 
     Raises
     ------
@@ -99,11 +117,21 @@ def superpixel_features(
         If an image is not as above, or the two differ in size.
     """
     config = config or FeaturesConfig()
-    return Features(
-        colour_histograms(image, superpixels),
-        texture_histograms(image, superpixels, config.texture),
-        log_chromaticity(image, superpixels),
-    )
+    n = _count_superpixels(image, superpixels)
+    image, superpixels = np.ascontiguousarray(image), np.ascontiguousarray(superpixels)
+    texture = TEXTURES[config.texture]
+    with (
+        team.start(_log_chromaticity, image, superpixels, n) as chromaticity,
+        team.start(lambda: texture.describe(to_grey(image))) as described,
+    ):
+        bins = _colour_bins(image)
+        patterns = described.result()
+        colours = np.zeros((n, int(np.prod(HSV_BINS))), np.uint32)
+        textures = np.zeros((len(patterns), n, texture.n_bins // len(patterns)), np.uint32)
+        kernels.count_both(bins, patterns[0], superpixels, colours, textures[0])
+        for pattern, counts in zip(patterns[1:], textures[1:], strict=True):
+            kernels.count_bins(pattern, superpixels, counts)
+        return Features(_with_unit_sum(colours), _joined_textures(textures), chromaticity.result())
 
 
 def feature_distances(features: Features, config: FeaturesConfig | None = None) -> NDArray[np.float64]:
@@ -229,15 +257,18 @@ def colour_histograms(image: NDArray[np.uint8], superpixels: NDArray[np.int32]) 
     TypeError, ValueError
         If an image is not as above, or the two differ in size.
     """
-    n_superpixels = _count_superpixels(image, superpixels)
-    hue, saturation, value = _hsv_bins()
-    n_bins = int(np.prod(HSV_BINS))
-    if image.ndim == 2:
-        return _histograms(value[image], superpixels, n_superpixels, n_bins)
-    counts = np.zeros((n_superpixels, n_bins), np.int32)
-    hsv = cv2.cvtColor(np.ascontiguousarray(image), cv2.COLOR_BGR2HSV)
-    kernels.count_colours(hsv, np.ascontiguousarray(superpixels), hue, saturation, value, counts)
+    n = _count_superpixels(image, superpixels)
+    counts = np.zeros((n, int(np.prod(HSV_BINS))), np.uint32)
+    kernels.count_bins(_colour_bins(np.ascontiguousarray(image)), np.ascontiguousarray(superpixels), counts)
     return _with_unit_sum(counts)
+
+
+def _colour_bins(image: NDArray[np.uint8]) -> NDArray[np.uint16]:
+    """Return the bin of the HSV histogram of each pixel."""
+    blue, green, red = (image, image, image) if image.ndim == 2 else cv2.split(image)
+    bins = np.empty(image.shape[:2], np.uint16)
+    kernels.find_colour_bins(blue, green, red, bins)
+    return bins
 
 
 def log_chromaticity(image: NDArray[np.uint8], superpixels: NDArray[np.int32]) -> NDArray[np.float64]:
@@ -263,11 +294,16 @@ def log_chromaticity(image: NDArray[np.uint8], superpixels: NDArray[np.int32]) -
     TypeError, ValueError
         If an image is not as above, or the two differ in size.
     """
-    n_superpixels = _count_superpixels(image, superpixels)
+    n = _count_superpixels(image, superpixels)
+    return _log_chromaticity(np.ascontiguousarray(image), np.ascontiguousarray(superpixels), n)
+
+
+def _log_chromaticity(image: NDArray[np.uint8], superpixels: NDArray[np.int32], n: int) -> NDArray[np.float64]:
+    """Return the logarithms of the ratios of each of n superpixels."""
     if image.ndim == 2:
-        return np.zeros((n_superpixels, 2))
-    sums = np.zeros((n_superpixels, 4), np.int64)
-    kernels.add_colours(np.ascontiguousarray(image), np.ascontiguousarray(superpixels), sums)
+        return np.zeros((n, 2))
+    sums = np.zeros((n, 4), np.int64)
+    kernels.add_colours(image, superpixels, sums)
     blue, green, red = (sums[:, :3] / np.maximum(sums[:, 3:], 1) + _DARK).T
     return np.stack([np.log(blue / green), np.log(red / green)], axis=1)
 
@@ -298,11 +334,18 @@ def texture_histograms(
     """
     if texture not in TEXTURES:
         raise ValueError(f"no texture descriptor {texture!r}; choose one of {', '.join(TEXTURES)}")
-    n_superpixels = _count_superpixels(image, superpixels)
+    n = _count_superpixels(image, superpixels)
     patterns = TEXTURES[texture].describe(to_grey(image))
-    n_bins = TEXTURES[texture].n_bins // len(patterns)
-    parts = [_histograms(pattern.astype(np.uint16), superpixels, n_superpixels, n_bins) for pattern in patterns]
-    return np.concatenate(parts, axis=1) / np.float32(len(parts))
+    counts = np.zeros((len(patterns), n, TEXTURES[texture].n_bins // len(patterns)), np.uint32)
+    for pattern, of_pattern in zip(patterns, counts, strict=True):
+        kernels.count_bins(pattern, np.ascontiguousarray(superpixels), of_pattern)
+    return _joined_textures(counts)
+
+
+def _joined_textures(counts: NDArray[np.uint32]) -> NDArray[np.float32]:
+    """Return a histogram of each superpixel from its counts (patterns, n, bins)."""
+    parts = [_with_unit_sum(of_pattern) for of_pattern in counts]
+    return parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1) / np.float32(len(parts))
 
 
 def weber_descriptor(grey: NDArray[np.uint8]) -> NDArray[np.uint8]:
@@ -326,9 +369,8 @@ def weber_descriptor(grey: NDArray[np.uint8]) -> NDArray[np.uint8]:
         If the image is not such an array.
     """
     grey = _checked_grey(grey)
-    sums = cv2.boxFilter(grey, cv2.CV_16U, (3, 3), normalize=False, borderType=cv2.BORDER_REPLICATE)
     described = np.empty_like(grey)
-    kernels.look_up(grey, sums, _weber_table(), described)
+    kernels.describe_weber(grey, _weber_table(), described)
     return described
 
 
@@ -511,13 +553,20 @@ def histogram_distances(histograms: NDArray[np.floating[Any]], distance: str = "
     """
     if distance not in DISTANCES:
         raise ValueError(f"no histogram distance {distance!r}; choose one of {', '.join(DISTANCES)}")
-    check_array("histograms", histograms, (np.float32, np.float64), ("n", "bins"))
-    low, high = float(histograms.min()), float(histograms.max())
-    if not (low >= 0 and high <= _MAX_SHARE):
-        raise ValueError(f"histograms hold values from {low:g} to {high:g}; give rows with sum 1")
+    _check_histograms("histograms", histograms)
     result = DISTANCES[distance](histograms.astype(np.float64, order="C"))
     np.fill_diagonal(result, 0)
     return result
+
+
+def _check_histograms(
+    name: str, histograms: NDArray[np.floating[Any]], n: int | str = "n", n_bins: int | str = "bins"
+) -> None:
+    """Check n rows of shares."""
+    check_array(name, histograms, (np.float32, np.float64), (n, n_bins))
+    low, high = float(histograms.min()), float(histograms.max())
+    if not (low >= 0 and high <= _MAX_SHARE):
+        raise ValueError(f"{name} hold values from {low:g} to {high:g}; give rows with sum 1")
 
 
 def _correlation(rows: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -542,6 +591,12 @@ def _bhattacharyya(rows: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the square root of 1 - the Bhattacharyya coefficient."""
     roots = np.sqrt(rows)
     return np.sqrt(np.maximum(1 - roots @ roots.T, 0))
+
+
+def _bhattacharyya_of_rows(rows: NDArray[np.float64], row: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the square root of 1 - the Bhattacharyya coefficient."""
+    coefficient = np.sqrt(rows * row).sum(axis=1)
+    return np.asarray(np.sqrt(np.maximum(1 - coefficient, 0)))
 
 
 def _chi_square(rows: NDArray[np.float64], row: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -578,6 +633,15 @@ def _row_by_row(
     return distances
 
 
+ROW_DISTANCES: dict[str, Callable[[NDArray[np.float64], NDArray[np.float64]], NDArray[np.float64]]] = {
+    "chi_square": _chi_square,
+    "intersection": _intersection,
+    "bhattacharyya": _bhattacharyya_of_rows,
+    "euclidean": _euclidean,
+    "earth_mover": _earth_mover,
+}
+"""Distances of rows to one row, or to as many; correlation has a way of its own."""
+
 DISTANCES: dict[str, Callable[[NDArray[np.float64]], NDArray[np.float64]]] = {
     "correlation": _correlation,
     "chi_square": _row_by_row(_chi_square),
@@ -589,6 +653,236 @@ DISTANCES: dict[str, Callable[[NDArray[np.float64]], NDArray[np.float64]]] = {
 """Distances between histograms, by the names that the setting ``features.distance`` has for them."""
 
 
+class Comparison(Protocol):
+    """Compares the n superpixels of an image by colour and texture, each weighted as suits the image."""
+
+    landmarks: NDArray[np.intp]
+    """`Features.landmarks`, (m,)."""
+
+    def with_landmarks(self, team: ThreadTeam = ALONE) -> NDArray[np.float32]:
+        """Return the distance of each superpixel to each landmark, (n, m), 0 to itself."""
+        ...
+
+    def with_others(self, others: Features, team: ThreadTeam = ALONE) -> NDArray[np.float32]:
+        """Return the distance of each superpixel to each of those of other images, (n, len(others)).
+
+        Raises TypeError or ValueError if their histograms are none, or have not as many bins.
+        """
+        ...
+
+    def of_pairs(self, first: NDArray[np.intp], second: NDArray[np.intp]) -> NDArray[np.float32]:
+        """Return the distances of pairs of superpixels, (p,), given by two arrays of their numbers."""
+        ...
+
+
+def compare(features: Features, config: FeaturesConfig | None = None) -> Comparison:
+    """Return what compares superpixels; its distances are those of `feature_distances`, but for rounding.
+
+    With more than `MAX_LANDMARKS` superpixels, the weights of the cues are those of the landmarks.
+
+    Parameters
+    ----------
+    features : Features
+        Of n superpixels.
+    config : FeaturesConfig, optional
+        The cues and the distance between histograms; the defaults are the best of [1].
+
+    Raises
+    ------
+    TypeError, ValueError
+        If the histograms are none, or not as many of colour as of texture.
+    """
+    config = config or FeaturesConfig()
+    _check_histograms("colour", features.colour)
+    _check_histograms("texture", features.texture, len(features))
+    return (_Correlation if config.distance == "correlation" else _RowByRow)(features, config)
+
+
+def _check_others(others: Features, features: Features) -> None:
+    """Check that features of other images can be compared with those of one."""
+    _check_histograms("colour of the others", others.colour, n_bins=features.colour.shape[1])
+    _check_histograms("texture of the others", others.texture, len(others), features.texture.shape[1])
+
+
+@dataclass(frozen=True, slots=True)
+class _Weights:
+    """What colour and texture count in a distance; the sum is 1."""
+
+    colour: float
+    texture: float
+
+    @classmethod
+    def of(cls, cues: str, mean_colour: float, mean_texture: float) -> _Weights:
+        """Return the weights for mean distances: the cue that tells more counts more."""
+        if cues != "both":
+            return cls(float(cues == "colour"), float(cues == "texture"))
+        total = mean_colour + mean_texture
+        return cls(mean_colour / total, mean_texture / total) if total > 0 else cls(0.5, 0.5)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Standard:
+    """Histograms (n, b) as points of mean 0 and norm 1: products of these are correlations."""
+
+    shares: NDArray[np.float32]
+    means: NDArray[np.float64]
+    inverse_norms: NDArray[np.float64]
+    n_used: NDArray[np.int64]
+    total: NDArray[np.float64]
+
+    @classmethod
+    def of(cls, histograms: NDArray[np.floating[Any]]) -> _Standard:
+        """Return the points of histograms; flat ones are 0, which correlates with nothing."""
+        n, n_bins = histograms.shape
+        shares = np.ascontiguousarray(histograms, np.float32)
+        result = cls(shares, np.empty(n), np.empty(n), np.zeros(n, np.int64), np.zeros(n_bins))
+        kernels.standardise(shares, _FLAT, result.means, result.inverse_norms, result.n_used, result.total)
+        return result
+
+    @property
+    def mean_distance(self) -> float:
+        """Mean of (1 - correlation) / 2 over all pairs: products of all with all are those of the sum with itself."""
+        n = len(self.means)
+        of_pairs = float((self.total**2).sum()) - np.count_nonzero(self.inverse_norms)
+        return max(0.5 - of_pairs / max(n * (n - 1), 1) / 2, 0.0)
+
+    def chosen(self, which: NDArray[np.intp]) -> _Standard:
+        """Return those with the given numbers, all of them or some."""
+        return self if len(which) == len(self.means) else _Standard.of(self.shares[which])
+
+
+class _SparseRows:
+    """Points of colour and texture whose products are weighted correlations; most bins of a superpixel are empty.
+
+    The mean, which standard points have subtracted in every bin, is an entry of its own.
+    """
+
+    def __init__(self, colour: _Standard, texture: _Standard, weights: _Weights) -> None:
+        n, n_colours, n_textures = len(colour.means), colour.shares.shape[1], texture.shares.shape[1]
+        roots = np.sqrt([weights.colour, weights.texture])
+        scales = roots * np.stack([colour.inverse_norms, texture.inverse_norms], axis=1)
+        means = np.sqrt([n_colours, n_textures]) * np.stack([colour.means, texture.means], axis=1)
+        self.n_bins = n_colours + n_textures + 2
+        self.means = (n_colours, n_colours + 1 + n_textures)
+        n_entries = colour.n_used + texture.n_used + 3  # one is overwritten
+        self.starts = np.zeros(n + 1, np.int64)
+        np.cumsum(-(-n_entries // kernels.STEP) * kernels.STEP, out=self.starts[1:])
+        self.bins = np.empty(self.starts[-1], np.uint32)
+        self.values = np.empty(self.starts[-1], np.float32)
+        kernels.compress(
+            colour.shares,
+            texture.shares,
+            scales.astype(np.float32),
+            (scales * means).astype(np.float32),
+            self.starts,
+            self.bins,
+            self.values,
+        )
+
+    def columns(self, which: NDArray[np.intp]) -> NDArray[np.float32]:
+        """Return some of the rows as the columns (bins, m) of a matrix, their means with the other sign."""
+        columns = np.zeros((self.n_bins, len(which)), np.float32)
+        kernels.expand(self.starts, self.bins, self.values, self.means, which, columns)
+        return columns
+
+    def distances(self, columns: NDArray[np.float32], team: ThreadTeam, *, symmetric: bool) -> NDArray[np.float32]:
+        """Return (1 - product) / 2 of each row and each column; of a symmetric matrix, one half is computed."""
+        n = len(self.starts) - 1
+        result = np.empty((n, columns.shape[1]), np.float32)
+
+        def fill(first: int, last: int) -> None:
+            kernels.distances_to_columns(self.starts, self.bins, self.values, columns, first, last, symmetric, result)
+
+        team.for_bands(fill, n, least_rows=_LEAST_ROWS)
+        if symmetric:
+            kernels.mirror(result)
+        return result
+
+    def distances_of_pairs(self, first: NDArray[np.intp], second: NDArray[np.intp]) -> NDArray[np.float32]:
+        """Return (1 - product) / 2 of pairs."""
+        result, row = np.empty(len(first), np.float32), np.empty(self.n_bins, np.float32)
+        kernels.distances_of_pairs(self.starts, self.bins, self.values, self.means, first, second, row, result)
+        return result
+
+
+class _Correlation:
+    """Compares by (1 - correlation) / 2."""
+
+    def __init__(self, features: Features, config: FeaturesConfig) -> None:
+        colour, texture = _Standard.of(features.colour), _Standard.of(features.texture)
+        self._features = features
+        self.landmarks = features.landmarks
+        means = (cue.chosen(self.landmarks).mean_distance for cue in (colour, texture))
+        self._weights = _Weights.of(config.cues, *means)
+        self._rows = _SparseRows(colour, texture, self._weights)
+
+    def with_landmarks(self, team: ThreadTeam = ALONE) -> NDArray[np.float32]:
+        """Return the distance of each superpixel to each landmark."""
+        n = len(self._rows.starts) - 1
+        columns = self._rows.columns(self.landmarks)
+        result = self._rows.distances(columns, team, symmetric=len(self.landmarks) == n)
+        result[self.landmarks, np.arange(len(self.landmarks))] = 0
+        return result
+
+    def with_others(self, others: Features, team: ThreadTeam = ALONE) -> NDArray[np.float32]:
+        """Return the distance of each superpixel to each of those of other images."""
+        _check_others(others, self._features)
+        rows = _SparseRows(_Standard.of(others.colour), _Standard.of(others.texture), self._weights)
+        return self._rows.distances(rows.columns(np.arange(len(others))), team, symmetric=False)
+
+    def of_pairs(self, first: NDArray[np.intp], second: NDArray[np.intp]) -> NDArray[np.float32]:
+        """Return the distances of pairs of superpixels."""
+        return self._rows.distances_of_pairs(first, second)
+
+
+class _RowByRow:
+    """Compares by any distance but correlation."""
+
+    def __init__(self, features: Features, config: FeaturesConfig) -> None:
+        self.landmarks = features.landmarks
+        self._features = features
+        self._distance = ROW_DISTANCES[config.distance]
+        some, pairs = features.chosen(self.landmarks), max(len(self.landmarks) * (len(self.landmarks) - 1), 1)
+        means = (float(self._between(cue, cue).sum()) / pairs for cue in (some.colour, some.texture))
+        self._weights = _Weights.of(config.cues, *means)
+
+    def with_landmarks(self, team: ThreadTeam = ALONE) -> NDArray[np.float32]:
+        """Return the distance of each superpixel to each landmark."""
+        return self.with_others(self._features.chosen(self.landmarks), team)
+
+    def with_others(self, others: Features, team: ThreadTeam = ALONE) -> NDArray[np.float32]:
+        """Return the distance of each superpixel to each of those of other images."""
+        _check_others(others, self._features)
+        colour, texture = team.map(
+            lambda cue: self._between(*cue),
+            [(self._features.colour, others.colour), (self._features.texture, others.texture)],
+        )
+        return self._weighted(colour, texture)
+
+    def of_pairs(self, first: NDArray[np.intp], second: NDArray[np.intp]) -> NDArray[np.float32]:
+        """Return the distances of pairs of superpixels."""
+        parts = []
+        for start in range(0, len(first), _PAIRS_AT_ONCE):
+            chunk = slice(start, start + _PAIRS_AT_ONCE)
+            one, other = self._features.chosen(first[chunk]), self._features.chosen(second[chunk])
+            colour = self._distance(one.colour.astype(np.float64), other.colour.astype(np.float64))
+            texture = self._distance(one.texture.astype(np.float64), other.texture.astype(np.float64))
+            parts.append(self._weighted(colour, texture))
+        return np.concatenate(parts) if parts else np.empty(0, np.float32)
+
+    def _between(self, rows: NDArray[np.floating[Any]], others: NDArray[np.floating[Any]]) -> NDArray[np.float32]:
+        """Return the distance of each histogram to each of others."""
+        shares = rows.astype(np.float64, order="C")
+        result = np.empty((len(rows), len(others)), np.float32)
+        for column, other in enumerate(others.astype(np.float64)):
+            result[:, column] = self._distance(shares, other)
+        return result
+
+    def _weighted(self, colour: NDArray[Any], texture: NDArray[Any]) -> NDArray[np.float32]:
+        """Return the weighted sum of distances by colour and texture."""
+        return np.asarray(self._weights.colour * colour + self._weights.texture * texture, np.float32)
+
+
 def _count_superpixels(image: NDArray[np.uint8], superpixels: NDArray[np.int32]) -> int:
     """Check image and labels, and return the number of superpixels."""
     check_image("image", image)
@@ -596,30 +890,8 @@ def _count_superpixels(image: NDArray[np.uint8], superpixels: NDArray[np.int32])
     return check_labels("superpixels", superpixels, superpixels.size) + 1
 
 
-@lru_cache(maxsize=1)
-def _hsv_bins() -> tuple[NDArray[np.uint16], NDArray[np.uint16], NDArray[np.uint16]]:
-    """Return for each byte of OpenCV's H (0 .. 179), S and V its part of the joint bin's number."""
-    byte = np.arange(256)
-    hues, saturations, values = HSV_BINS
-    hue = np.minimum(byte * hues // 180, hues - 1) * saturations * values
-    return (
-        hue.astype(np.uint16),
-        (byte * saturations // 256 * values).astype(np.uint16),
-        (byte * values // 256).astype(np.uint16),
-    )
-
-
-def _histograms(
-    bins: NDArray[np.uint16], superpixels: NDArray[np.int32], n_superpixels: int, n_bins: int
-) -> NDArray[np.float32]:
-    """Return the normalised histogram of `bins` (H, W) for each superpixel."""
-    counts = np.zeros((n_superpixels, n_bins), np.int32)
-    kernels.count_bins(np.ascontiguousarray(bins), np.ascontiguousarray(superpixels), counts)
-    return _with_unit_sum(counts)
-
-
-def _with_unit_sum(counts: NDArray[np.int32]) -> NDArray[np.float32]:
+def _with_unit_sum(counts: NDArray[np.uint32]) -> NDArray[np.float32]:
     """Return the rows, each divided by its sum; those without counts stay 0."""
-    shares = counts.astype(np.float32)
-    shares /= np.maximum(shares.sum(axis=1, keepdims=True), 1)
+    shares = np.empty(counts.shape, np.float32)
+    kernels.divide_by_sums(counts, shares)
     return shares

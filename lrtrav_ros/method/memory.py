@@ -8,7 +8,7 @@ import numpy as np
 
 from lrtrav_ros.config import MemoryConfig
 from lrtrav_ros.method.features import Features, joined
-from lrtrav_ros.method.propagation import NOTHING_REMEMBERED, Belief, Evidence
+from lrtrav_ros.method.propagation import Belief, Evidence, Remembered
 
 _MAX_REMEMBERED = 120  # superpixels, whatever the number of frames: what they cost is bounded
 _SAME_PLACE_S = 0.25  # later, things are elsewhere in the image
@@ -60,14 +60,16 @@ class Memory:
                 self.belief = None
         self._stamp_ns = stamp_ns
 
-    def recall(self, features: Features) -> tuple[Features, Evidence]:
-        """Return a frame's features followed by those that are remembered, and the evidence of the latter."""
-        if not self._frames:
-            return features, NOTHING_REMEMBERED
-        remembered = [evidence for _, evidence in self._frames]
-        return joined([features, *(features for features, _ in self._frames)]), Evidence(
-            np.concatenate([evidence.share for evidence in remembered]),
-            np.concatenate([evidence.ground for evidence in remembered]),
+    def recall(self) -> Remembered | None:
+        """Return what is remembered, None where that is nothing."""
+        if not len(self):
+            return None
+        return Remembered(
+            joined([features for features, _ in self._frames]),
+            Evidence(
+                np.concatenate([evidence.share for _, evidence in self._frames]),
+                np.concatenate([evidence.ground for _, evidence in self._frames]),
+            ),
         )
 
     def remember(self, features: Features, evidence: Evidence, belief: Belief) -> None:

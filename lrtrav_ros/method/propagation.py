@@ -17,19 +17,17 @@ References
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array, csr_array, diags
-from scipy.sparse.csgraph import connected_components
-from scipy.sparse.linalg import cg
 
+from lrtrav_ros.config import FeaturesConfig
 from lrtrav_ros.method import _propagation_kernels as kernels
-from lrtrav_ros.method.extension import survey_superpixels, touching_superpixels
+from lrtrav_ros.method.extension import Layout, count_evidence, superpixel_layout
+from lrtrav_ros.method.features import Comparison, Features, compare
 from lrtrav_ros.method.ground import GROUND, OBSTACLE, UNKNOWN
-from lrtrav_ros.numerics.blas import one_blas_thread
-from lrtrav_ros.numerics.checks import check_array, check_distances, check_finite, check_labels
+from lrtrav_ros.numerics.checks import check_array, check_finite
+from lrtrav_ros.numerics.thread_team import ALONE, ThreadTeam
 
 # Chosen on KITTI Road and synthetic scenes; what each does to the scores is in docs/ablation.md.
 _VOTE_DISTANCE = 0.1  # by colour and texture, of superpixels that vote for each other
@@ -49,6 +47,10 @@ _BELIEF_WEIGHT = 0.5  # at most, of the frame before
 _SAME_PLACE = 0.03  # of the image's height
 _UNDECIDED = 0.5
 _NO_VOTES = 1e-9
+_REACH = 6.5  # in Gaussian standard deviations: farther away, a weight is below that
+_TOLERANCE = 1e-5  # of the solution of the equations, relative
+_LEAST_ROWS = 64  # of a matrix of weights, that are worth a thread
+_LEAST_COLUMNS = 64  # of an image
 _OVERRULED_GROUND = 0.25  # in superpixels that are less surely traversable: the feet of things, more often than not
 _OVERRULED_OBSTACLE = 0.9  # in superpixels that are more surely traversable: what matching adds around things
 
@@ -87,8 +89,20 @@ class _Hold:
     target: NDArray[np.float64]
 
 
-NOTHING_REMEMBERED = Evidence(np.zeros(0), np.zeros(0))
-"""The evidence of no superpixels."""
+@dataclass(frozen=True, slots=True, eq=False)
+class Remembered:
+    """What is known of m superpixels of other images, which vote and are not voted for.
+
+    Parameters
+    ----------
+    features : Features
+        What they look like.
+    evidence : Evidence
+        What is known of them.
+    """
+
+    features: Features
+    evidence: Evidence
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -132,15 +146,106 @@ class Propagation:
     belief: Belief
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Ties:
+    """Which of n superpixels are tied to which, and how strongly: a sparse matrix by rows, symmetric.
+
+    Parameters
+    ----------
+    starts : (n + 1,) ndarray of int32
+        Where the ties of each superpixel start in `others` and `weights`.
+    ends : (n,) ndarray of int32
+        Where those with its neighbours end; those with superpixels that look like it follow.
+    others : (p,) ndarray of int32
+        Superpixels.
+    weights : (p,) ndarray of float64
+        How strongly it is tied to each of them.
+    """
+
+    starts: NDArray[np.int32]
+    ends: NDArray[np.int32]
+    others: NDArray[np.int32]
+    weights: NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SuperpixelGraph:
+    """All that propagation needs to know of an image before short range does: n superpixels, and how they are alike.
+
+    Parameters
+    ----------
+    superpixels : (H, W) ndarray of int32
+        Labels 0 .. n - 1.
+    features : Features
+        What they look like.
+    comparison : Comparison
+        The distances between them.
+    layout : Layout
+        Where they are, and which are neighbours.
+    votes : (n, m) ndarray of float32
+        The weight that each has in the vote of m of them, the landmarks of `comparison`, for it.
+    ties : Ties
+        Those with neighbours, and with what looks alike.
+    """
+
+    superpixels: NDArray[np.int32]
+    features: Features
+    comparison: Comparison
+    layout: Layout
+    votes: NDArray[np.float32]
+    ties: Ties
+
+    @property
+    def places(self) -> NDArray[np.float64]:
+        """Row and column of the superpixels' middles, as shares of the image's height, (n, 2)."""
+        return self.layout.middles / self.superpixels.shape[0]
+
+
+def superpixel_graph(
+    superpixels: NDArray[np.int32],
+    features: Features,
+    config: FeaturesConfig | None = None,
+    *,
+    team: ThreadTeam = ALONE,
+) -> SuperpixelGraph:
+    """Return how the superpixels of an image are alike, and which are neighbours.
+
+    Parameters
+    ----------
+    superpixels : (H, W) ndarray of int32
+        Labels 0 .. n - 1.
+    features : Features
+        Of the n superpixels.
+    config : FeaturesConfig, optional
+        By what they are compared; the defaults are the best of [2].
+    team : ThreadTeam, optional
+        The threads that share the work; the result does not depend on it.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If an argument is not as above.
+    """
+    _check_chromaticity(features)
+    with team.start(superpixel_layout, superpixels, len(features)) as started:
+        comparison = compare(features, config)
+        distances = comparison.with_landmarks(team)
+        layout = started.result()
+    superpixels = np.ascontiguousarray(superpixels)
+    ties = _ties(layout, superpixels.shape[0], comparison, distances, features.chromaticity, team)
+    looks = _vote_looks(features)
+    _weigh(distances, looks, np.take(looks, comparison.landmarks, axis=1), team)
+    return SuperpixelGraph(superpixels, features, comparison, layout, distances, ties)
+
+
 def propagate(
     occupancy: NDArray[np.uint8],
-    superpixels: NDArray[np.int32],
-    distances: NDArray[np.float64],
-    chromaticity: NDArray[np.float64],
+    graph: SuperpixelGraph,
     *,
-    remembered: Evidence = NOTHING_REMEMBERED,
+    remembered: Remembered | None = None,
     before: Belief | None = None,
     min_share: float = 0.5,
+    team: ThreadTeam = ALONE,
 ) -> Propagation:
     """Extend short-range ground over superpixels that look like it and are near it.
 
@@ -152,71 +257,51 @@ def propagate(
     ----------
     occupancy : (H, W) ndarray of uint8
         Short range: 0 ground, 100 obstacle, 255 unknown.
-    superpixels : (H, W) ndarray of int32
-        Labels 0 .. n - 1.
-    distances : (n + m, n + m) ndarray of float64
-        How unlike superpixels look, by colour and texture, those of the image first, then m remembered ones: symmetric,
-        zero on the diagonal.
-    chromaticity : (n + m, 2) ndarray of float64
-        `features.log_chromaticity` of the same.
-    remembered : Evidence
-        Of the m remembered superpixels, which vote and are not voted for.
+    graph : SuperpixelGraph
+        Of the same image.
+    remembered : Remembered, optional
+        Superpixels of the frames before.
     before : Belief, optional
         What was found in the frame before: superpixels are held lightly by it where they look alike at the same place.
     min_share : float
         What is surer than this is traversable: raise it to claim less ground.
+    team : ThreadTeam, optional
+        The threads that share the work; the result does not depend on it.
 
     Raises
     ------
     TypeError, ValueError
         If an argument is not as above.
     """
-    n = _checked(superpixels, distances, chromaticity, remembered)
+    check_array("occupancy", occupancy, np.uint8, graph.superpixels.shape)
     if before is not None:
         _check_belief(before)
-    distances = np.ascontiguousarray(distances)  # sums in another order would not be equal bit for bit
-    evidence, places = _surveyed(occupancy, superpixels, n)
-    vote = _votes(_appended(evidence, remembered), distances, chromaticity)[:n]
-    light = _held(vote, before, places, chromaticity[:n])
-    pairs = np.nonzero(touching_superpixels(superpixels, n))
-    near = _neighbours(pairs, distances[:n, :n])
-    alike = _most_alike(distances[:n, :n], chromaticity[:n], places)
-    settled = (_settled(near, evidence, light) + _settled(near + alike, evidence, light)) / 2
-    traversable = np.clip(settled, 0, 1)
-    labels = _labels(traversable, evidence, pairs, min_share)
-    extended, confidence = np.empty_like(occupancy), np.empty_like(occupancy)
-    kernels.label_pixels(
-        np.ascontiguousarray(occupancy),
-        np.ascontiguousarray(superpixels),
-        labels,
-        _confidences(labels, traversable),
-        GROUND,
-        OBSTACLE,
-        extended,
-        confidence,
-    )
-    return Propagation(extended, confidence, evidence, Belief(places, chromaticity[:n], traversable))
+    occupancy = np.ascontiguousarray(occupancy)
+    evidence = _evidence(occupancy, graph)
+    vote = _votes(graph, evidence, remembered, team)
+    light = _held(vote, before, graph.places, graph.features.chromaticity)
+    traversable = np.clip(_settled(graph.ties, evidence, light), 0, 1)
+    labels = _labels(traversable, evidence, graph.layout, min_share)
+    extended, confidence = _labelled(occupancy, graph.superpixels, labels, _confidences(labels, traversable), team)
+    belief = Belief(graph.places, graph.features.chromaticity, traversable)
+    return Propagation(extended, confidence, evidence, belief)
 
 
-def _checked(
-    superpixels: NDArray[np.int32],
-    distances: NDArray[np.float64],
-    chromaticity: NDArray[np.float64],
-    remembered: Evidence,
-) -> int:
-    """Check the arguments of `propagate`, and return the number of the image's superpixels."""
-    check_array("superpixels", superpixels, np.int32, ("H", "W"))
-    check_distances("distances", distances)
-    total = len(distances)
-    check_array("chromaticity", chromaticity, np.float64, (total, 2))
-    check_finite("chromaticity", chromaticity)
-    m = len(remembered)
-    for name, values in (("remembered.share", remembered.share), ("remembered.ground", remembered.ground)):
-        check_array(name, values, np.float64, (m,), may_be_empty=True)
-        if m and not (values.min() >= 0 and values.max() <= 1):
+def _check_chromaticity(features: Features) -> None:
+    """Check the part of features that `compare` does not, and that there are features."""
+    check_array("colour", features.colour, (np.float32, np.float64), ("n", "bins"))
+    check_array("chromaticity", features.chromaticity, np.float64, (len(features), 2))
+    check_finite("chromaticity", features.chromaticity)
+
+
+def _check_remembered(remembered: Remembered) -> None:
+    """Check what is remembered, but for its histograms."""
+    evidence, n = remembered.evidence, len(remembered.features)
+    _check_chromaticity(remembered.features)
+    for name, values in (("remembered.share", evidence.share), ("remembered.ground", evidence.ground)):
+        check_array(name, values, np.float64, (n,))
+        if not (values.min() >= 0 and values.max() <= 1):
             raise ValueError(f"{name} holds values from {values.min():g} to {values.max():g}; give shares, 0 to 1")
-    check_labels("superpixels", superpixels, total - m)
-    return total - m
 
 
 def _check_belief(belief: Belief) -> None:
@@ -228,53 +313,81 @@ def _check_belief(belief: Belief) -> None:
         check_finite(f"before.{name}", values)
 
 
-def _surveyed(
-    occupancy: NDArray[np.uint8], superpixels: NDArray[np.int32], n: int
-) -> tuple[Evidence, NDArray[np.float64]]:
-    """Return the evidence in each superpixel, and row and column of its middle, as shares of the image's height."""
-    sums = survey_superpixels(occupancy, superpixels, n)
-    ground, area = sums[:, 0], np.maximum(sums[:, 3], 1)
-    judged = ground + sums[:, 1]
-    says = np.divide(ground, judged, out=np.full(n, _UNDECIDED), where=judged > 0)
-    return Evidence(judged / area, says), sums[:, 4:] / area[:, None] / superpixels.shape[0]
+def _evidence(occupancy: NDArray[np.uint8], graph: SuperpixelGraph) -> Evidence:
+    """Return the evidence in each superpixel."""
+    ground, obstacle, area = count_evidence(occupancy, graph.superpixels, len(graph.features))
+    judged = ground + obstacle
+    says = np.divide(ground, judged, out=np.full(len(area), _UNDECIDED), where=judged > 0)
+    return Evidence(judged / np.maximum(area, 1), says)
 
 
-def _appended(evidence: Evidence, remembered: Evidence) -> Evidence:
-    """Return the evidence of the image, followed by what is remembered."""
-    return Evidence(
-        np.concatenate([evidence.share, remembered.share]), np.concatenate([evidence.ground, remembered.ground])
-    )
-
-
-@one_blas_thread()
 def _votes(
-    evidence: Evidence, distances: NDArray[np.float64], chromaticity: NDArray[np.float64]
+    graph: SuperpixelGraph, evidence: Evidence, remembered: Remembered | None, team: ThreadTeam
 ) -> NDArray[np.float64]:
     """Return the share of ground among superpixels with evidence, weighted by how much they look alike."""
-    exponent = (distances / _VOTE_DISTANCE).astype(np.float32) ** 2
-    looks = (chromaticity / _VOTE_CHROMATICITY).astype(np.float32)
-    _add_squared_differences(exponent, looks, looks)
-    exponent /= -2
-    weights = np.exp(exponent, out=exponent)
-    total = (weights @ evidence.share.astype(np.float32)).astype(np.float64)
-    says = (weights @ (evidence.share * evidence.ground).astype(np.float32)).astype(np.float64)
-    return (says + _STRANGER_WEIGHT * _STRANGER) / (total + _STRANGER_WEIGHT)
+    total, ground = np.full((2, len(evidence)), _STRANGER_WEIGHT)
+    ground *= _STRANGER
+    marks = graph.comparison.landmarks
+    voters = [(graph.votes, Evidence(evidence.share[marks], evidence.ground[marks]))]
+    if remembered is not None and len(remembered.features):
+        _check_remembered(remembered)
+        weights = graph.comparison.with_others(remembered.features, team)
+        _weigh(weights, _vote_looks(graph.features), _vote_looks(remembered.features), team)
+        voters.append((weights, remembered.evidence))
+    for weights, known in voters:
+        share = known.share.astype(np.float32)
+        kernels.add_votes(weights, share, (known.share * known.ground).astype(np.float32), total, ground)
+    return ground / total
 
 
-def _add_squared_differences(
-    sums: NDArray[np.floating[Any]], first: NDArray[np.floating[Any]], second: NDArray[np.floating[Any]]
+def _vote_looks(features: Features) -> NDArray[np.float32]:
+    """Return chromaticity in units of that which makes votes count less, (2, n)."""
+    return np.ascontiguousarray(features.chromaticity.T / _VOTE_CHROMATICITY, np.float32)
+
+
+def _weigh(
+    distances: NDArray[np.float32], looks: NDArray[np.float32], others: NDArray[np.float32], team: ThreadTeam
 ) -> None:
-    """Add the squared Euclidean distance of each first point to each second one, in place."""
-    for a, b in zip(first.T, second.T, strict=True):
-        sums += (a[:, None] - b) ** 2
+    """Replace distances by the weights of votes, in place."""
+    scale = np.float32(1 / _VOTE_DISTANCE)
+
+    def weigh(first: int, last: int) -> None:
+        kernels.weigh(distances, scale, looks, others, first, last)
+
+    team.for_bands(weigh, len(distances), least_rows=_LEAST_ROWS)
 
 
-def _neighbours(pairs: tuple[NDArray[np.intp], ...], distances: NDArray[np.float64]) -> csr_array:
-    """Return the ties between superpixels that touch, stronger where they look alike."""
-    apart = distances[pairs]
-    scale = _NEIGHBOUR_SCALE * float(np.median(apart)) if apart.size else 0.0
-    weights = np.exp((apart / scale) ** 2 / -2) if scale > 0 else (apart == 0).astype(np.float64)
-    return csr_array(coo_array((weights, pairs), shape=distances.shape))
+def _ties(
+    layout: Layout,
+    height: int,
+    comparison: Comparison,
+    distances: NDArray[np.float32],
+    chromaticity: NDArray[np.float64],
+    team: ThreadTeam,
+) -> Ties:
+    """Return the ties between superpixels that touch, and between those that look alike."""
+    weights = _neighbour_weights(layout, comparison, distances)
+    looks = np.stack([*(chromaticity.T / _TIE_CHROMATICITY), layout.middles[:, 0] / height / _TIE_ROWS])
+    n_ties = min(_N_TIES, len(comparison.landmarks) - 1)
+    tied, squared = np.zeros((len(distances), n_ties), np.int64), np.zeros((len(distances), n_ties), np.float32)
+    scale, places = np.float32(1 / _TIE_DISTANCE), looks.astype(np.float32)
+
+    def find(first: int, last: int) -> None:
+        kernels.nearest(distances, scale, places, comparison.landmarks, first, last, tied, squared)
+
+    if n_ties:
+        team.for_bands(find, len(distances), least_rows=_LEAST_ROWS)
+    tie_weights = np.float32(_TIE_WEIGHT / 2) * np.exp(squared / -2)
+    return Ties(*kernels.join_ties(layout.starts, layout.others, weights, comparison.landmarks[tied], tie_weights))
+
+
+def _neighbour_weights(layout: Layout, comparison: Comparison, distances: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return how strongly each superpixel is tied to each neighbour: more where they look alike."""
+    first, second = layout.pairs
+    has_all = distances.shape[1] == len(distances)
+    apart = distances[first, second] if has_all else comparison.of_pairs(first, second)
+    scale = np.float32(_NEIGHBOUR_SCALE) * np.median(apart) if apart.size else np.float32(0)
+    return np.exp((apart / scale) ** 2 / -2) if scale > 0 else (apart == 0).astype(np.float32)
 
 
 def _held(
@@ -287,48 +400,38 @@ def _held(
     held = _VOTE_WEIGHT + _UNANIMITY_WEIGHT * (2 * vote - 1) ** 2
     if before is None or not len(before.traversable):
         return _Hold(held, vote)
-    now = np.column_stack([places / _SAME_PLACE, chromaticity / _VOTE_CHROMATICITY])
-    then = np.column_stack([before.places / _SAME_PLACE, before.chromaticity / _VOTE_CHROMATICITY])
-    exponent = np.zeros((len(now), len(then)))
-    _add_squared_differences(exponent, now, then)
-    alike = np.exp(exponent / -2)
-    total = alike.sum(axis=1)
-    weight = _BELIEF_WEIGHT * alike.max(axis=1)
-    found = np.divide(alike @ before.traversable, total, out=vote.copy(), where=total > _NO_VOTES)
+    now = _looks_at_places(places, chromaticity)
+    then = _looks_at_places(before.places, before.chromaticity)
+    in_order = np.argsort(then[0], kind="stable")
+    values = before.traversable[in_order].astype(np.float32)
+    alike, total, found = np.empty((3, len(vote)))
+    kernels.recognise(now, np.take(then, in_order, axis=1), values, np.float32(_REACH), alike, total, found)
+    weight = _BELIEF_WEIGHT * alike
+    found = np.divide(found, total, out=vote.copy(), where=total > _NO_VOTES)
     return _Hold(held + weight, (held * vote + weight * found) / (held + weight))
 
 
-def _most_alike(
-    distances: NDArray[np.float64], chromaticity: NDArray[np.float64], places: NDArray[np.float64]
-) -> csr_array:
-    """Return the ties of each superpixel with the few that look most like it, at about the same height."""
-    n = len(distances)
-    looks = np.column_stack([chromaticity / _TIE_CHROMATICITY, places[:, :1] / _TIE_ROWS])
-    n_ties = min(_N_TIES, n - 1)
-    others, exponents = kernels.nearest(np.ascontiguousarray(distances), 1 / _TIE_DISTANCE, looks, n_ties)
-    first, second = np.repeat(np.arange(n), n_ties), others.ravel()
-    weights = np.tile(_TIE_WEIGHT / 2 * np.exp(exponents.ravel() / -2), 2)
-    both_ways = np.concatenate([first, second]), np.concatenate([second, first])
-    return csr_array(coo_array((weights, both_ways), shape=distances.shape))
+def _looks_at_places(places: NDArray[np.float64], chromaticity: NDArray[np.float64]) -> NDArray[np.float32]:
+    """Return places and chromaticity, (4, n), in units of what tells superpixels from those of the frame before."""
+    return np.concatenate([places.T / _SAME_PLACE, chromaticity.T / _VOTE_CHROMATICITY]).astype(np.float32)
 
 
-@one_blas_thread()
-def _settled(ties: csr_array, evidence: Evidence, light: _Hold) -> NDArray[np.float64]:
-    """Return the x of ``(E + a I + L) x = E y + a u``, with L the Laplacian of the ties and a, u what holds lightly."""
-    held = _EVIDENCE_WEIGHT * evidence.share
-    diagonal = held + light.weight + np.asarray(ties.sum(axis=1)).ravel()
-    solution, _ = cg(
-        diags(diagonal) - ties,
-        held * evidence.ground + light.weight * light.target,
-        x0=np.where(held > 0, evidence.ground, light.target),
-        M=diags(1 / diagonal),
-        atol=0.0,
-    )
-    return np.asarray(solution)
+def _settled(ties: Ties, evidence: Evidence, light: _Hold) -> NDArray[np.float64]:
+    """Return the mean of the x of ``(E + a I + L) x = E y + a u``, L the Laplacian of the ties, a and u the light hold.
+
+    In the first solution superpixels are tied to their neighbours, in the second to those that look alike too.
+    """
+    firm = _EVIDENCE_WEIGHT * evidence.share
+    held, right = firm + light.weight, firm * evidence.ground + light.weight * light.target
+    first = np.where(firm > 0, evidence.ground, light.target)
+    kernels.settle(ties.starts, ties.ends, ties.others, ties.weights, held, right, _TOLERANCE, first)
+    second = first.copy()
+    kernels.settle(ties.starts, ties.starts[1:], ties.others, ties.weights, held, right, _TOLERANCE, second)
+    return (first + second) / 2
 
 
 def _labels(
-    traversable: NDArray[np.float64], evidence: Evidence, pairs: tuple[NDArray[np.intp], ...], min_share: float
+    traversable: NDArray[np.float64], evidence: Evidence, layout: Layout, min_share: float
 ) -> NDArray[np.uint8]:
     """Return the label in each superpixel of what is ground, obstacle and unknown in short range, (3, n)."""
     if not evidence.share.any():
@@ -336,17 +439,10 @@ def _labels(
     bounds = np.array([[_OVERRULED_GROUND], [_OVERRULED_OBSTACLE], [min_share]])
     labels = np.where(traversable > bounds, np.uint8(GROUND), np.uint8(OBSTACLE))
     free = labels[2] == GROUND
-    labels[2, free & ~_reached(free, evidence, pairs)] = UNKNOWN
+    reached = free & (evidence.share * evidence.ground > 0)
+    kernels.spread(layout.starts, layout.others, free, reached)
+    labels[2, free & ~reached] = UNKNOWN
     return labels
-
-
-def _reached(free: NDArray[np.bool_], evidence: Evidence, pairs: tuple[NDArray[np.intp], ...]) -> NDArray[np.bool_]:
-    """Return which free superpixels others that are free connect with ground of the short range."""
-    first, second = pairs
-    both = free[first] & free[second]
-    graph = coo_array((both[both], (first[both], second[both])), shape=(len(free), len(free)))
-    component = connected_components(graph, directed=False)[1]
-    return np.isin(component, component[free & (evidence.share * evidence.ground > 0)])
 
 
 def _confidences(labels: NDArray[np.uint8], traversable: NDArray[np.float64]) -> NDArray[np.uint8]:
@@ -362,3 +458,22 @@ def _confidences(labels: NDArray[np.uint8], traversable: NDArray[np.float64]) ->
     )
     right[labels == UNKNOWN] = 0
     return np.rint(255 * right).astype(np.uint8)
+
+
+def _labelled(
+    occupancy: NDArray[np.uint8],
+    superpixels: NDArray[np.int32],
+    labels: NDArray[np.uint8],
+    confidences: NDArray[np.uint8],
+    team: ThreadTeam,
+) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+    """Return the label and the confidence of each pixel."""
+    obstacle = np.full_like(labels[0], OBSTACLE), np.maximum(confidences[1], 255 - confidences[1])
+    table = np.stack([*labels, obstacle[0]], axis=1) + np.uint16(256) * np.stack([*confidences, obstacle[1]], axis=1)
+    extended, confidence = np.empty_like(occupancy), np.empty_like(occupancy)
+
+    def label(first: int, last: int) -> None:
+        kernels.label_pixels(occupancy, superpixels, table.ravel(), GROUND, OBSTACLE, first, last, extended, confidence)
+
+    team.for_bands(label, occupancy.shape[1], least_rows=_LEAST_COLUMNS)
+    return extended, confidence

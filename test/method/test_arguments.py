@@ -77,13 +77,21 @@ def distances(height: int, width: int) -> Array:
     return np.abs(points[:, None] - points)
 
 
-def superpixel_distances(width: int) -> Array:
-    """Return distances between the superpixels of `labels`."""
-    return distances(1, (width + 1) // 2)
-
-
 def histograms(height: int, width: int) -> Array:
     return rng().dirichlet(np.ones(height), width).astype(np.float32)
+
+
+def looks(width: int) -> tuple[Array, Array, Array]:
+    """Return colour, texture and chromaticity of the superpixels of `labels`."""
+    n = (width + 1) // 2
+    return histograms(9, n), histograms(7, n), rng().normal(0, 0.1, (n, 2))
+
+
+def propagate_over(
+    occupancy: Array, labels: Array, colour: Array, texture: Array, chromaticity: Array
+) -> propagation.Propagation:
+    graph = propagation.superpixel_graph(labels, features.Features(colour, texture, chromaticity))
+    return propagation.propagate(occupancy, graph)
 
 
 GREY = {
@@ -98,7 +106,7 @@ GREY = {
 }
 PAIR = {
     name: Case(
-        matching.create_matcher(StereoConfig(matcher=name, n_disparities=8), ElasConfig(), threads=1).compute,
+        matching.create_matcher(StereoConfig(matcher=name, n_disparities=8), ElasConfig()).compute,
         lambda h, w: (grey(h, w), np.roll(grey(h, w), -1, axis=1)),
         other_types="H",
         other_dims=(3,),
@@ -147,19 +155,18 @@ REGIONS = {
     for rule in extension.RULES
 }
 SUPERPIXELS = {
-    "touching_superpixels": Case(partial(extension.touching_superpixels, n=10), lambda h, w: (labels(h, w),)),
+    "superpixel_layout": Case(partial(extension.superpixel_layout, n=10), lambda h, w: (labels(h, w),)),
     "count_evidence": Case(partial(extension.count_evidence, n=10), lambda h, w: (occupancy(h, w), labels(h, w))),
-    "survey_superpixels": Case(
-        partial(extension.survey_superpixels, n=10), lambda h, w: (occupancy(h, w), labels(h, w))
+    "superpixel_graph": Case(
+        lambda labels, *looks: propagate_over(
+            np.zeros(labels.shape, np.uint8) if isinstance(labels, np.ndarray) else labels, labels, *looks
+        ),
+        lambda h, w: (labels(h, w), *looks(w)),
+        other_types="d",
     ),
     "propagate": Case(
-        propagation.propagate,
-        lambda h, w: (
-            occupancy(h, w),
-            labels(h, w),
-            superpixel_distances(w),
-            rng().normal(0, 0.1, ((w + 1) // 2, 2)),
-        ),
+        lambda occupancy, labels: propagate_over(occupancy, labels, *looks(20)),
+        lambda h, w: (occupancy(h, w), labels(h, w)),
     ),
 }
 FLOATS = {
@@ -169,6 +176,11 @@ FLOATS = {
     "weighted_sum": Case(features.weighted_sum, lambda h, w: (distances(h, w), distances(h, w) / 2), may_be_empty=True),
     "feature_distances": Case(
         lambda colour, texture: features.feature_distances(features.Features(colour, texture, np.zeros((0, 2)))),
+        lambda h, w: (histograms(h, w), histograms(h, w)[::-1]),
+        other_types="d",
+    ),
+    "compare": Case(
+        lambda *looks: features.compare(features.Features(*looks, np.zeros((0, 2)))).with_landmarks(),
         lambda h, w: (histograms(h, w), histograms(h, w)[::-1]),
         other_types="d",
     ),
@@ -188,6 +200,14 @@ CASES = {
     **FLOATS,
     "to_grey": Case(to_grey, lambda h, w: (bgr(h, w),), other_dims=(2,)),
     "preemptive_slic": Case(superpixels.preemptive_slic, lambda h, w: (bgr(h, w),), other_dims=(2,)),
+    "spread_clusters": Case(
+        lambda of_landmarks: (
+            clustering.spread_clusters(of_landmarks, features.Features(*looks(2 * len(of_landmarks))))
+            if isinstance(of_landmarks, np.ndarray) and of_landmarks.ndim == 1
+            else clustering.spread_clusters(of_landmarks, features.Features(*looks(20)))
+        ),
+        lambda h, w: (clusters(w),),
+    ),
     "traversable_mask": Case(ground.traversable_mask, lambda h, w: (occupancy(h, w),)),
     "obstacle_cells": Case(
         partial(ground.obstacle_cells, camera=CAMERA, n_rows=12),
@@ -226,7 +246,10 @@ def test_table_is_complete() -> None:
         for name, value in vars(module).items()
         if not name.startswith("_") and callable(value) and getattr(value, "__module__", "") == module.__name__
     }
-    classes = {"GroundLine", "ShortRange", "Texture", "Features", "Evidence", "Belief", "Propagation", "Memory"}
+    classes = {
+        *("GroundLine", "ShortRange", "Texture", "Features", "Comparison", "Layout", "Memory"),
+        *("Evidence", "Remembered", "Belief", "Ties", "SuperpixelGraph", "Propagation"),
+    }
     without_arrays = {"joined"}
     in_frame_py = {"to_grey"}
     assert tested == public - classes - without_arrays | {*matching.MATCHERS} | in_frame_py
@@ -294,10 +317,10 @@ def test_layout_does_not_matter(name: str, shape: tuple[int, int]) -> None:
         "extend area",
         "extend evidence",
         "count_evidence",
-        "survey_superpixels",
         "propagate",
         "weighted_sum",
         "feature_distances",
+        "compare",
     ],
 )
 def test_arrays_of_different_size_are_refused(name: str) -> None:
@@ -346,7 +369,7 @@ def test_only_absurd_disparities_leave_all_unknown(value: float) -> None:
     assert found.u_disparity.shape == (2, 60)
 
 
-@pytest.mark.parametrize("name", [*FLOATS, "propagate"])
+@pytest.mark.parametrize("name", [*FLOATS, "superpixel_graph"])
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
 def test_numbers_that_are_not_finite_are_refused(name: str, value: float) -> None:
     case, arrays = CASES[name], CASES[name].make(12, 20)
@@ -367,14 +390,14 @@ def test_numbers_that_are_not_finite_are_refused(name: str, value: float) -> Non
         (np.array([0, 1.5]), np.ones(2), r"remembered\.share holds values from 0 to 1\.5; give shares, 0 to 1"),
         (np.ones(2), np.array([-0.5, 1]), r"remembered\.ground holds values from -0\.5 to 1; give shares, 0 to 1"),
         (np.ones(2), np.array([np.nan, 1]), r"remembered\.ground holds values from nan to nan; give shares, 0 to 1"),
-        (np.ones(1), np.ones(1), "superpixels holds 9; give labels from 0 to 8"),  # one of 10 is remembered, says this
-        (np.ones(11), np.ones(11), "superpixels holds 9; give labels from 0 to -2"),
+        (np.ones(1), np.ones(1), r"remembered\.share is float64 \(1,\); give float64 \(2,\)"),
     ],
 )
 def test_evidence_that_nobody_remembers_is_refused(share: Array, ground: Array, message: str) -> None:
-    arrays = CASES["propagate"].make(12, 20)
+    graph = propagation.superpixel_graph(labels(12, 20), features.Features(*looks(20)))
+    remembered = propagation.Remembered(features.Features(*looks(4)), propagation.Evidence(share, ground))
     with pytest.raises(ValueError, match=message):
-        propagation.propagate(*arrays, remembered=propagation.Evidence(share, ground))
+        propagation.propagate(occupancy(12, 20), graph, remembered=remembered)
 
 
 def test_distances_of_all_magnitudes() -> None:
@@ -419,7 +442,7 @@ def test_a_bright_right_image_is_not_clipped() -> None:
     same = (left >> 4).astype(np.uint8), (right >> 4).astype(np.uint8)
     for matcher in (
         Elas(StereoConfig(n_disparities=16)),
-        matching.create_matcher(StereoConfig(matcher="bm"), ElasConfig(), threads=1),
+        matching.create_matcher(StereoConfig(matcher="bm"), ElasConfig()),
     ):
         np.testing.assert_array_equal(matcher.compute(left, right), matcher.compute(*same))
 

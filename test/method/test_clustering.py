@@ -7,7 +7,9 @@ import pytest
 from numpy.typing import NDArray
 
 from lrtrav_ros.config import ClusteringConfig
-from lrtrav_ros.method.clustering import affinity, automatic_k, spectral_clusters
+from lrtrav_ros.method import features as features_module
+from lrtrav_ros.method.clustering import affinity, automatic_k, spectral_clusters, spread_clusters
+from lrtrav_ros.method.features import Features
 
 
 def groups(*sizes: int, spread: float = 0.05, seed: int = 0) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
@@ -55,6 +57,22 @@ def test_same_seed_same_clusters() -> None:
     distances, _ = groups(30, 30, spread=0.6)
     config = ClusteringConfig(k=5, seed=3)
     np.testing.assert_array_equal(spectral_clusters(distances, config), spectral_clusters(distances, config))
+
+
+def test_superpixels_are_of_the_cluster_of_the_landmark_that_looks_most_like_them(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    kind = np.array([0, 0, 1, 1, 0, 1, 0, 0, 1, 1])
+    histograms = np.where(kind[:, None] == [0, 0, 1, 1], [0.7, 0.3, 0.6, 0.4], 0).astype(np.float32)
+    features = Features(histograms / histograms.sum(axis=1, keepdims=True), histograms / 2, np.zeros((10, 2)))
+    of_all = kind.astype(np.int32)
+    assert spread_clusters(of_all, features) is of_all
+    monkeypatch.setattr(features_module, "MAX_LANDMARKS", 4)
+    assert features.landmarks.tolist() == [0, 3, 6, 9]
+    found = spread_clusters(np.array([5, 7, 5, 7], np.int32), features)
+    assert found.tolist() == [5, 5, 7, 7, 5, 7, 5, 5, 7, 7]
+    with pytest.raises(ValueError, match=r"clusters is int32 \(10,\); give int32 \(4,\)"):
+        spread_clusters(of_all, features)
 
 
 @pytest.mark.parametrize("n", [0, 1, 2, 3])

@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from lrtrav_ros.config import ExtensionConfig
-from lrtrav_ros.method.extension import connected_regions, count_evidence, extend, touching_superpixels
+from lrtrav_ros.method.extension import connected_regions, count_evidence, extend, superpixel_layout
 from lrtrav_ros.method.ground import GROUND, OBSTACLE, UNKNOWN
 
 EVIDENCE = ExtensionConfig(rule="evidence")
@@ -32,10 +32,28 @@ def by_superpixel(image: NDArray[np.uint8]) -> list[int]:
 
 def test_superpixels_touch_in_rows_and_columns_but_not_across_corners() -> None:
     superpixels = np.array([[0, 0, 1], [2, 3, 3]], np.int32)
-    touching = touching_superpixels(superpixels, 5)  # no pixel is of the last
-    assert touching.dtype == np.bool_
-    pairs = {(0, 1), (0, 2), (0, 3), (1, 3), (2, 3)}  # not 1 and 2
-    assert set(zip(*map(np.ndarray.tolist, np.nonzero(touching)), strict=True)) == pairs | {(b, a) for a, b in pairs}
+    layout = superpixel_layout(superpixels, 5)  # no pixel is of the last
+    pairs = [(0, 1), (0, 2), (0, 3), (1, 0), (1, 3), (2, 0), (2, 3), (3, 0), (3, 1), (3, 2)]  # not 1 and 2
+    assert list(zip(*map(np.ndarray.tolist, layout.pairs), strict=True)) == pairs
+    assert layout.starts.tolist() == [0, 3, 5, 7, 10, 10]
+
+
+@pytest.mark.parametrize("n_labels", [1, 2, 9, 300])
+@pytest.mark.parametrize("shape", [(1, 1), (1, 13), (13, 1), (17, 40), (60, 9)])
+def test_neighbours_of_superpixels_in_pieces(n_labels: int, shape: tuple[int, int]) -> None:
+    superpixels = np.random.default_rng(n_labels).integers(0, n_labels, shape).astype(np.int32)
+    touching = np.zeros((n_labels, n_labels), np.bool_)
+    touching[superpixels[:, :-1], superpixels[:, 1:]] = touching[superpixels[:-1], superpixels[1:]] = True
+    touching |= touching.T
+    np.fill_diagonal(touching, False)
+    np.testing.assert_array_equal(superpixel_layout(superpixels, n_labels).pairs, np.nonzero(touching))
+
+
+def test_area_and_middle_of_superpixels() -> None:
+    superpixels = np.array([[0, 0, 1, 1, 1], [0, 0, 1, 3, 1]], np.int32)
+    layout = superpixel_layout(superpixels, 4)
+    assert layout.area.tolist() == [4, 5, 0, 1]
+    np.testing.assert_allclose(layout.middles, [[0.5, 0.5], [0.4, 3], [0, 0], [1, 3]])
 
 
 def test_evidence_is_counted_for_each_superpixel() -> None:

@@ -4,17 +4,20 @@ from __future__ import annotations
 
 import itertools
 
+import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from lrtrav_ros.config import FeaturesConfig
+from lrtrav_ros.method import features as features_module
 from lrtrav_ros.method.features import (
     DISTANCES,
     TEXTURES,
     Features,
     centre_symmetric_pattern,
     colour_histograms,
+    compare,
     feature_distances,
     histogram_distances,
     joined,
@@ -229,6 +232,50 @@ def test_features_of_several_images_are_joined_in_their_order() -> None:
     assert len(features.chosen(np.array([], np.intp))) == 0
     with pytest.raises(ValueError, match="at least one array"):
         joined([])
+
+
+@pytest.mark.parametrize("bound", [640, 6])
+@pytest.mark.parametrize("cues", ["both", "colour", "texture"])
+@pytest.mark.parametrize("distance", DISTANCES)
+def test_comparison_has_the_distances_of_the_matrix(
+    monkeypatch: pytest.MonkeyPatch, distance: str, cues: str, bound: int
+) -> None:
+    rng = np.random.default_rng(0)
+    image = rng.integers(0, 256, (30, 44, 3), np.uint8) // rng.integers(1, 9, (30, 44, 1), np.uint8)
+    labels = np.arange(11, dtype=np.int32).repeat(4)[None].repeat(30, axis=0)
+    features, config = superpixel_features(image, labels), FeaturesConfig(cues=cues, distance=distance)
+    monkeypatch.setattr(features_module, "MAX_LANDMARKS", bound)
+    comparison, marks = compare(features, config), features.landmarks
+    expected = feature_distances(features.chosen(marks), config)
+    found = comparison.with_landmarks()
+    assert (found.dtype, found.shape) == (np.float32, (11, len(marks)))
+    np.testing.assert_allclose(found[marks], expected, atol=2e-4)  # roots of differences near 0 are less exact
+    if len(marks) == 11:
+        np.testing.assert_array_equal(found, found.T)
+    np.testing.assert_allclose(comparison.with_others(features.chosen(marks)), found, atol=2e-4)
+    first, second = np.divmod(np.arange(11 * len(marks)), len(marks))
+    np.testing.assert_allclose(comparison.of_pairs(first, marks[second]), found.ravel(), atol=2e-4)
+
+
+def test_comparison_of_superpixels_without_colour_or_pixels() -> None:
+    shares = np.zeros((4, 16), np.float32)
+    shares[1], shares[2:, 3] = 1 / 16, 1  # the first has no pixels, the second is flat
+    found = compare(Features(shares, shares, np.zeros((4, 2)))).with_landmarks()
+    np.testing.assert_allclose(
+        found, [[0, 0.5, 0.5, 0.5], [0.5, 0, 0.5, 0.5], [0.5, 0.5, 0, 0], [0.5, 0.5, 0, 0]], atol=1e-6
+    )
+
+
+def test_hue_saturation_and_value_are_those_of_opencv() -> None:
+    steps = np.array([*range(0, 256, 5), 1, 2, 3, 31, 32, 63, 64, 127, 128, 253, 254], np.uint8)
+    image = np.stack(np.meshgrid(steps, steps, steps), axis=-1).reshape(len(steps), -1, 3)
+    labels = np.arange(image[..., 0].size, dtype=np.int32).reshape(image.shape[:2])
+    hue, saturation, value = cv2.cvtColor(image, cv2.COLOR_BGR2HSV).reshape(-1, 3).T.astype(int)
+    expected = (hue * 9 // 180 * 8 + saturation * 8 // 256) * 6 + value * 6 // 256
+    for first in range(0, len(steps), 8):
+        rows = slice(first, first + 8)
+        found = colour_histograms(image[rows], labels[rows] - labels[first, 0]).argmax(axis=1)
+        np.testing.assert_array_equal(found, expected[labels[rows].ravel()])
 
 
 def test_features_need_histograms() -> None:

@@ -36,12 +36,21 @@ def belief(sure: float = 0.5, n: int = N) -> Belief:
 
 def remembered(memory: Memory) -> list[int]:
     """Return the numbers of the superpixels that are remembered, the oldest first."""
-    both, known = memory.recall(features(first=-1, n=1))
-    assert len(both) == 1 + len(known) == 1 + len(memory)
-    for values in (both.colour, both.texture, both.chromaticity):
-        np.testing.assert_array_equal(values, np.broadcast_to(both.chromaticity[:, :1], values.shape))
-    assert both.chromaticity[0, 0] == -1  # the frame's own come first
-    return [int(number) for number in both.chromaticity[1:, 0]]
+    recalled = memory.recall()
+    if recalled is None:
+        assert len(memory) == 0
+        return []
+    known = recalled.features
+    assert len(known) == len(recalled.evidence) == len(memory)
+    for values in (known.colour, known.texture, known.chromaticity):
+        np.testing.assert_array_equal(values, np.broadcast_to(known.chromaticity[:, :1], values.shape))
+    return [int(number) for number in known.chromaticity[:, 0]]
+
+
+def recalled_evidence(memory: Memory) -> Evidence:
+    recalled = memory.recall()
+    assert recalled is not None
+    return recalled.evidence
 
 
 def filled(memory: Memory, *stamps_ns: int | None) -> Memory:
@@ -77,7 +86,7 @@ def test_superpixels_with_evidence_are_kept_with_it() -> None:
     share = np.where(np.arange(N) % 3 == 1, 1.0, 0.0)
     memory.remember(features(), evidence(share), belief())
     assert remembered(memory) == list(range(1, N, 3))
-    _, known = memory.recall(features())
+    known = recalled_evidence(memory)
     np.testing.assert_array_equal(known.share, 0.25)  # a quarter of what the frame's own weigh
     np.testing.assert_array_equal(known.ground, np.arange(1, N, 3) / N)
 
@@ -103,10 +112,7 @@ def test_frames_without_evidence_are_remembered_as_nothing() -> None:
 def test_no_frames_are_no_memory() -> None:
     memory = filled(Memory(MemoryConfig(frames=0)), 0, SECOND_NS)
     assert len(memory) == 0
-    frame = features()
-    recalled, known = memory.recall(frame)
-    assert recalled is frame
-    assert len(known) == 0
+    assert memory.recall() is None
     assert memory.belief is None
 
 
@@ -161,4 +167,4 @@ def test_it_is_deterministic_and_keeps_its_own_copy() -> None:
     for values in (frame.colour, frame.texture, frame.chromaticity, known.share, known.ground):
         values[:] = 0
     assert remembered(first) == remembered(second)
-    np.testing.assert_array_equal(first.recall(features())[1].ground, second.recall(features())[1].ground)
+    np.testing.assert_array_equal(recalled_evidence(first).ground, recalled_evidence(second).ground)

@@ -2,15 +2,29 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from unittest.mock import patch
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from scipy.sparse import csr_array
 
+from lrtrav_ros.config import FeaturesConfig
+from lrtrav_ros.method import features as features_module
 from lrtrav_ros.method import propagation
-from lrtrav_ros.method.features import feature_distances, superpixel_features
+from lrtrav_ros.method.features import Features, superpixel_features
 from lrtrav_ros.method.ground import GROUND, OBSTACLE, UNKNOWN
-from lrtrav_ros.method.propagation import Belief, Evidence, Propagation, propagate
+from lrtrav_ros.method.propagation import (
+    Belief,
+    Evidence,
+    Propagation,
+    Remembered,
+    SuperpixelGraph,
+    Ties,
+    propagate,
+    superpixel_graph,
+)
+from lrtrav_ros.numerics.thread_team import ALONE, ThreadTeam
 
 CELL = (6, 8)  # rows and columns of a superpixel
 WAY, GRASS = 0.0, 0.6  # looks: positions on a line, whose differences are distances
@@ -38,23 +52,59 @@ def between(positions: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.abs(positions[:, None] - positions)
 
 
+@dataclass
+class Given:
+    """Distances that are given, those of the image's superpixels first, then those of m remembered ones."""
+
+    distances: NDArray[np.float64]
+    m: int
+
+    @property
+    def landmarks(self) -> NDArray[np.intp]:
+        return np.arange(len(self.distances) - self.m)
+
+    def with_landmarks(self, team: ThreadTeam = ALONE) -> NDArray[np.float32]:
+        n = len(self.landmarks)
+        return self.distances[:n, :n].astype(np.float32)
+
+    def with_others(self, others: Features, team: ThreadTeam = ALONE) -> NDArray[np.float32]:
+        n = len(self.landmarks)
+        return self.distances[:n, n:].astype(np.float32)
+
+    def of_pairs(self, first: NDArray[np.intp], second: NDArray[np.intp]) -> NDArray[np.float32]:
+        return self.distances[first, second].astype(np.float32)
+
+
+def of_chromaticity(chromaticity: NDArray[np.float64]) -> Features:
+    flat = np.full((len(chromaticity), 2), 0.5, np.float32)
+    return Features(flat, flat, chromaticity)
+
+
+def given_graph(
+    superpixels: NDArray[np.int32], distances: NDArray[np.float64], chromaticity: NDArray[np.float64], m: int = 0
+) -> SuperpixelGraph:
+    """Return the graph of superpixels with these distances, of which the last m are remembered ones."""
+    n = len(distances) - m
+    with patch.object(propagation, "compare", return_value=Given(distances, m)):
+        return superpixel_graph(superpixels, of_chromaticity(chromaticity[:n]))
+
+
 def propagated(
     occupancy: NDArray[np.uint8],
     positions: NDArray[np.float64],
     *,
-    remembered: Evidence = propagation.NOTHING_REMEMBERED,
+    remembered: Evidence | None = None,
     before: Belief | None = None,
     min_share: float = 0.5,
 ) -> Propagation:
     """Propagate over a grid of superpixels of these looks, the remembered ones last, all of the same chromaticity."""
+    m = 0 if remembered is None else len(remembered)
     superpixels = grid(occupancy.shape[0] // CELL[0], occupancy.shape[1] // CELL[1])
-    chromaticity = np.zeros((len(positions), 2))
+    graph = given_graph(superpixels, between(positions), np.zeros((len(positions), 2)), m)
     return propagate(
         occupancy,
-        superpixels,
-        between(positions),
-        chromaticity,
-        remembered=remembered,
+        graph,
+        remembered=remembered and Remembered(of_chromaticity(np.zeros((m, 2))), remembered),
         before=before,
         min_share=min_share,
     )
@@ -85,7 +135,7 @@ def test_superpixels_of_one_texture_are_told_apart_by_their_chromaticity() -> No
     positions = looks(*SCENE) / 3
     chromaticity = np.stack([positions, -positions], axis=1)
     alike = between(looks("wwwww", "wwwww", "wwwww", "wwwww"))
-    found = propagate(short_range(*KNOWN), superpixels, alike, chromaticity)
+    found = propagate(short_range(*KNOWN), given_graph(superpixels, alike, chromaticity))
     assert letters(found.occupancy) == ["gggoo"] * 4
 
 
@@ -95,7 +145,8 @@ def test_result_does_not_depend_on_the_numbers_of_the_superpixels() -> None:
     renumbered = np.empty(20)
     renumbered[numbers] = positions
     found = propagated(short_range(*KNOWN), positions)
-    other = propagate(short_range(*KNOWN), numbers[superpixels], between(renumbered), np.zeros((20, 2)))
+    graph = given_graph(numbers[superpixels], between(renumbered), np.zeros((20, 2)))
+    other = propagate(short_range(*KNOWN), graph)
     np.testing.assert_array_equal(other.occupancy, found.occupancy)
     np.testing.assert_allclose(other.belief.traversable[numbers], found.belief.traversable, atol=1e-4)
 
@@ -191,8 +242,8 @@ def test_what_looks_alike_but_for_its_chromaticity_does_not_vote(apart: float, d
     row, positions = UNDECIDED
     distances = between(np.append(positions, positions[1]))
     chromaticity = np.array([[0, 0], [0, 0], [0, 0], [apart, 0]])
-    remembered = Evidence(np.ones(1), np.ones(1))
-    found = propagate(short_range(row), grid(1, 3), distances, chromaticity, remembered=remembered)
+    remembered = Remembered(of_chromaticity(chromaticity[3:]), Evidence(np.ones(1), np.ones(1)))
+    found = propagate(short_range(row), given_graph(grid(1, 3), distances, chromaticity, 1), remembered=remembered)
     assert (found.belief.traversable[1] > 0.52) == decides
 
 
@@ -279,8 +330,14 @@ def test_settled_votes_solve_the_system_of_equations() -> None:
     held = propagation._EVIDENCE_WEIGHT * evidence.share
     system = np.diag(held) + np.diag(light.weight) + np.diag(ties.sum(axis=1)) - ties
     expected = np.linalg.solve(system, held * evidence.ground + light.weight * light.target)
-    found = propagation._settled(csr_array(ties), evidence, light)
-    np.testing.assert_allclose(found, expected, atol=1e-4)
+    first, second = np.nonzero(ties)
+    starts = np.searchsorted(first, np.arange(n + 1)).astype(np.int32)
+    alone = Ties(starts, starts[1:], second.astype(np.int32), ties[first, second])
+    np.testing.assert_allclose(propagation._settled(alone, evidence, light), expected, atol=1e-4)
+    untied = np.divide(held * evidence.ground + light.weight * light.target, held + light.weight)
+    none_with_neighbours = Ties(starts, starts[:-1], second.astype(np.int32), ties[first, second])
+    found = propagation._settled(none_with_neighbours, evidence, light)
+    np.testing.assert_allclose(found, (untied + expected) / 2, atol=1e-4)
 
 
 def test_grey_images_are_told_apart_by_texture_and_brightness() -> None:
@@ -289,7 +346,7 @@ def test_grey_images_are_told_apart_by_texture_and_brightness() -> None:
     way = superpixels % 5 < 3
     image = np.where(way, rng.normal(120, 3, way.shape), rng.normal(80, 25, way.shape)).clip(0, 255).astype(np.uint8)
     features = superpixel_features(image, superpixels)
-    found = propagate(short_range(*KNOWN), superpixels, feature_distances(features), features.chromaticity)
+    found = propagate(short_range(*KNOWN), superpixel_graph(superpixels, features))
     assert letters(found.occupancy) == ["gggoo"] * 4
 
 
@@ -310,6 +367,130 @@ def test_confidence_is_of_the_label_whatever_the_threshold() -> None:
 def test_a_vote_of_nothing_alike_is_rather_against() -> None:
     evidence = Evidence(np.array([1.0, 1.0, 0.0]), np.array([1.0, 1.0, 0.5]))
     distances = np.array([[0.0, 0.0, 1.0], [0.0, 0.0, 1.0], [1.0, 1.0, 0.0]])  # the last is like neither
-    vote = propagation._votes(evidence, distances, np.zeros((3, 2)))
+    graph = given_graph(grid(1, 3), distances, np.zeros((3, 2)))
+    vote = propagation._votes(graph, evidence, None, ALONE)
     assert vote[2] == pytest.approx(0.3, abs=0.01)
     assert vote[0] > 0.99
+
+
+def test_votes_are_weighted_by_distance_and_chromaticity() -> None:
+    rng = np.random.default_rng(3)
+    positions, chromaticity = rng.uniform(0, 0.3, 50), rng.normal(0, 0.05, (50, 2))
+    evidence = Evidence(rng.uniform(0, 1, 50), rng.uniform(0, 1, 50))
+    distances = between(positions)
+    tint = np.linalg.norm(chromaticity[:, None] - chromaticity, axis=2)
+    weights = np.exp(-((distances / 0.1) ** 2 + (tint / 0.05) ** 2) / 2)
+    ground, total = weights @ (evidence.share * evidence.ground), weights @ evidence.share
+    graph = given_graph(grid(5, 10), distances, chromaticity)
+    found = propagation._votes(graph, evidence, None, ALONE)
+    np.testing.assert_allclose(found, (ground + 0.01 * 0.3) / (total + 0.01), rtol=2e-5)
+
+
+def test_ties_are_with_the_eight_most_alike_at_the_same_height() -> None:
+    rng = np.random.default_rng(4)
+    n = 60
+    positions, chromaticity = rng.uniform(0, 0.5, n), rng.normal(0, 0.05, (n, 2))
+    graph = given_graph(grid(6, 10), between(positions), chromaticity)
+    tint = np.linalg.norm(chromaticity[:, None] - chromaticity, axis=2)
+    rows = graph.places[:, 0]
+    squared = (between(positions) / 0.2) ** 2 + (tint / 0.03) ** 2 + (between(rows) / 0.2) ** 2
+    np.fill_diagonal(squared, np.inf)
+    expected = np.zeros((n, n))
+    for i, others in enumerate(np.argsort(squared, axis=1)[:, :8]):
+        expected[i, others] += 1.5 * np.exp(squared[i, others] / -2)
+        expected[others, i] += 1.5 * np.exp(squared[i, others] / -2)
+    found = np.zeros((n, n))
+    for i in range(n):
+        those = slice(graph.ties.ends[i], graph.ties.starts[i + 1])
+        np.add.at(found[i], graph.ties.others[those], graph.ties.weights[those])
+    np.testing.assert_allclose(found, expected, rtol=1e-4, atol=1e-6)
+
+
+def test_ties_with_neighbours_are_scaled_by_the_median_distance() -> None:
+    ties = given_graph(grid(1, 4), between(np.array([0, 0.1, 0.3, 0.4])), np.zeros((4, 2))).ties
+    near, apart = np.exp(-((0.1 / 0.12) ** 2) / 2), np.exp(-((0.2 / 0.12) ** 2) / 2)
+    found = [
+        dict(zip(ties.others[start:end].tolist(), ties.weights[start:end].tolist(), strict=True))
+        for start, end in zip(ties.starts[:-1], ties.ends, strict=True)
+    ]
+    expected = [{1: near}, {0: near, 2: apart}, {1: apart, 3: near}, {2: near}]
+    for of_superpixel, those in zip(found, expected, strict=True):
+        assert of_superpixel == pytest.approx(those, rel=1e-5)
+
+
+def test_belief_is_weighted_by_place_and_chromaticity() -> None:
+    rng = np.random.default_rng(5)
+    vote, places, tints = rng.uniform(0, 1, 30), rng.uniform(0, 1, (30, 2)), rng.normal(0, 0.05, (30, 2))
+    before = Belief(rng.uniform(0, 1, (40, 2)), rng.normal(0, 0.05, (40, 2)), rng.uniform(0, 1, 40))
+    apart = np.linalg.norm(places[:, None] - before.places, axis=2) / 0.03
+    tint = np.linalg.norm(tints[:, None] - before.chromaticity, axis=2) / 0.05
+    alike = np.exp(-(apart**2 + tint**2) / 2)
+    held, weight = 0.2 + 0.4 * (2 * vote - 1) ** 2, 0.5 * alike.max(axis=1)
+    said = alike @ before.traversable / alike.sum(axis=1)
+    found = propagation._held(vote, before, places, tints)
+    np.testing.assert_allclose(found.weight, held + weight, rtol=1e-4)
+    np.testing.assert_allclose(found.target, (held * vote + weight * said) / (held + weight), rtol=1e-4)
+
+
+def noisy_scene(
+    n_rows: int, n_columns: int, noise: float = 12
+) -> tuple[NDArray[np.uint8], NDArray[np.int32], NDArray[np.uint8]]:
+    """Return an image of way and grass, its superpixels, and a short range that knows the last two rows of them."""
+    rng = np.random.default_rng(6)
+    superpixels = grid(n_rows, n_columns)
+    way = superpixels % n_columns < n_columns // 2
+    colours = np.where(way[..., None], [110, 115, 120], [50, 130, 80])
+    image = (colours + rng.normal(0, noise, colours.shape)).clip(0, 255).astype(np.uint8)
+    known = np.where(way, np.uint8(GROUND), np.uint8(OBSTACLE))
+    known[: -2 * CELL[0]] = UNKNOWN
+    return image, superpixels, known
+
+
+@pytest.mark.parametrize("bound", [640, 40])
+def test_result_does_not_depend_on_the_number_of_threads(bound: int) -> None:
+    image, superpixels, known = noisy_scene(12, 16)
+    found = []
+    with patch.object(features_module, "MAX_LANDMARKS", bound):
+        for team in (ALONE, ThreadTeam(2), ThreadTeam(3)):
+            features = superpixel_features(image, superpixels, team=team)
+            graph = superpixel_graph(superpixels, features, team=team)
+            remembered = Remembered(features.chosen(np.arange(0, 192, 5)), Evidence(np.full(39, 0.2), np.full(39, 0.5)))
+            found.append(propagate(known, graph, remembered=remembered, team=team))
+    for other in found[1:]:
+        np.testing.assert_array_equal(other.belief.traversable, found[0].belief.traversable)
+        np.testing.assert_array_equal(other.occupancy, found[0].occupancy)
+        np.testing.assert_array_equal(other.confidence, found[0].confidence)
+
+
+def test_few_landmarks_find_what_all_superpixels_find() -> None:
+    image, superpixels, known = noisy_scene(12, 16, noise=4)
+    features = superpixel_features(image, superpixels)
+    everything = propagate(known, superpixel_graph(superpixels, features))
+    with patch.object(features_module, "MAX_LANDMARKS", 40):
+        graph = superpixel_graph(superpixels, features)
+    assert graph.votes.shape == (192, 40)
+    found = propagate(known, graph)
+    np.testing.assert_array_equal(found.occupancy, everything.occupancy)
+    np.testing.assert_allclose(found.belief.traversable, everything.belief.traversable, atol=0.1)
+    assert (everything.occupancy[:, :64] == GROUND).all()
+    assert (everything.occupancy[:, 64:] == OBSTACLE).all()
+
+
+def test_remembered_superpixels_have_the_same_histograms() -> None:
+    image, superpixels, known = noisy_scene(3, 4)
+    features = superpixel_features(image, superpixels)
+    other = superpixel_features(image, superpixels, FeaturesConfig(texture="cs_lbp"))
+    for distance in ("correlation", "chi_square"):
+        graph = superpixel_graph(superpixels, features, FeaturesConfig(distance=distance))
+        with pytest.raises(ValueError, match=r"texture of the others is float32 \(12, 16\); give .* \(12, 256\)"):
+            propagate(known, graph, remembered=Remembered(other, Evidence(np.ones(12), np.ones(12))))
+
+
+def test_remembered_superpixels_of_the_image_itself_vote_as_its_own() -> None:
+    image, superpixels, _ = noisy_scene(3, 4)
+    features = superpixel_features(image, superpixels)
+    graph = superpixel_graph(superpixels, features)
+    evidence = Evidence(np.linspace(0, 1, 12), np.linspace(1, 0, 12))
+    nothing = Evidence(np.zeros(12), np.full(12, 0.5))
+    remembered = propagation._votes(graph, nothing, Remembered(features, evidence), ALONE)
+    np.testing.assert_allclose(remembered, propagation._votes(graph, evidence, None, ALONE), rtol=1e-4)

@@ -32,8 +32,8 @@ def imports(path: Path) -> set[str]:
 
 def test_there_are_kernels() -> None:
     found = {path.stem for path in KERNELS}
-    names = ("elas", "extension", "features", "ground", "propagation", "raycasting", "superpixels")
-    assert found == {f"_{name}_kernels" for name in names}
+    names = ("delaunay", "elas", "extension", "features", "ground", "propagation", "raycasting", "refinement")
+    assert found == {f"_{name}_kernels" for name in (*names, "superpixels")}
 
 
 @pytest.mark.parametrize("path", KERNELS, ids=lambda path: path.stem)
@@ -45,7 +45,8 @@ def test_kernels_are_imported_by_the_module_beside_them_alone(path: Path) -> Non
 @pytest.mark.parametrize("path", KERNELS, ids=lambda path: path.stem)
 def test_functions_of_kernel_modules_are_kernels(path: Path) -> None:
     module = importlib.import_module(module_name(path))
-    functions = [value for value in vars(module).values() if getattr(value, "__module__", "") == module.__name__]
+    own = [value for value in vars(module).values() if getattr(value, "__module__", "") == module.__name__]
+    functions = [value for value in own if not (isinstance(value, type) and issubclass(value, tuple))]  # named tuples
     assert functions
     for function in functions:
         assert isinstance(function, Dispatcher)

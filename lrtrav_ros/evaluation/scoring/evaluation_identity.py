@@ -16,7 +16,8 @@ from lrtrav_ros.evaluation.truth.opening import NamedSet, ReaderOptions
 _PACKAGE = Path(__file__).parents[2]
 _LIBRARIES = ("numpy", "scipy", "cv2", "numba")
 _DISTANCES = "the distances"  # their geometry is configured beside the methods, and the same for all
-_WITHOUT_INFLUENCE = ("commands", "nodes", "offline", "report", "synthetic")  # the report is made anew in every run
+# The report is made anew in every run.
+_WITHOUT_INFLUENCE = ("benchmark", "commands", "nodes", "offline", "report", "synthetic")
 
 
 @dataclass(frozen=True, slots=True)

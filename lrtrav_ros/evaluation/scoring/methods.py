@@ -22,6 +22,7 @@ from lrtrav_ros.method.features import colour_histograms, texture_histograms
 from lrtrav_ros.method.ground import GROUND, OBSTACLE, UNKNOWN, ShortRange, traversable_mask
 from lrtrav_ros.method.matching import Matcher, create_matcher
 from lrtrav_ros.method.superpixels import preemptive_slic
+from lrtrav_ros.numerics.thread_team import ALONE
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -151,13 +152,13 @@ def detect_short_range(frame: Frame, config: Config, run: StageRunner) -> ShortR
 
 def _shared_matcher(config: Config, run: StageRunner) -> Matcher:
     """Return the matcher of a configuration: the same one for the same settings, for only so its results are shared."""
-    return run(Stage.MATCHING, create_matcher, config.stereo, config.elas, threads=config.n_threads)
+    return run(Stage.MATCHING, create_matcher, config.stereo, config.elas)
 
 
 def _learn(frame: Frame, config: Config, run: StageRunner) -> tuple[ShortRange, LongRange]:
     """Return the short range, and what a classifier makes of it."""
     short_range, image = detect_short_range(frame, config, run), frame.image
-    superpixels = run(Stage.SUPERPIXELS, preemptive_slic, image, config.superpixels)
+    superpixels = run(Stage.SUPERPIXELS, preemptive_slic, image, config.superpixels, team=ALONE)
     histograms = run(Stage.FEATURES, _histograms, image, superpixels, config.features.texture)
     is_ground = run(Stage.CLUSTERING, classify_superpixels, histograms, superpixels, short_range.occupancy)
     occupancy = np.where(is_ground, np.uint8(GROUND), np.uint8(OBSTACLE))[superpixels]

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lrtrav_ros.config import ElasConfig, StereoConfig
+from lrtrav_ros.numerics.thread_team import ALONE, ThreadTeam
 
 __all__ = ["MATCHERS", "Matcher", "create_matcher"]
 
@@ -37,7 +38,7 @@ class Matcher(Protocol):
         ...  # pragma: no cover
 
 
-def create_matcher(stereo: StereoConfig, elas: ElasConfig, *, threads: int) -> Matcher:
+def create_matcher(stereo: StereoConfig, elas: ElasConfig, *, team: ThreadTeam = ALONE) -> Matcher:
     """Return the matcher that a configuration names.
 
     Parameters
@@ -46,32 +47,27 @@ def create_matcher(stereo: StereoConfig, elas: ElasConfig, *, threads: int) -> M
         `matcher` names it, one of `MATCHERS`; the rest is for all of them.
     elas : ElasConfig
         Settings of ELAS, which the others do not use.
-    threads : int
-        Threads that it may use; the result does not depend on their number.
-
-    Raises
-    ------
-    ValueError
-        If `threads` is below 1.
+    team : ThreadTeam
+        Shares the work; the result does not depend on its number of threads.
     """
-    return MATCHERS[stereo.matcher](stereo, elas, threads)
+    return MATCHERS[stereo.matcher](stereo, elas, team)
 
 
-def _create_elas(stereo: StereoConfig, elas: ElasConfig, threads: int) -> Matcher:
+def _create_elas(stereo: StereoConfig, elas: ElasConfig, team: ThreadTeam) -> Matcher:
     """Return the paper's matcher."""
     from lrtrav_ros.method.matching.elas import Elas  # loads numba and SciPy: only where they are needed
 
-    return Elas(stereo, elas, threads=threads)
+    return Elas(stereo, elas, team=team)
 
 
-def _create_opencv(stereo: StereoConfig, elas: ElasConfig, threads: int) -> Matcher:
+def _create_opencv(stereo: StereoConfig, elas: ElasConfig, team: ThreadTeam) -> Matcher:
     """Return one of OpenCV's matchers."""
     from lrtrav_ros.method.matching.opencv import OpenCVMatcher
 
     return OpenCVMatcher(stereo)
 
 
-MATCHERS: dict[str, Callable[[StereoConfig, ElasConfig, int], Matcher]] = {
+MATCHERS: dict[str, Callable[[StereoConfig, ElasConfig, ThreadTeam], Matcher]] = {
     "elas": _create_elas,
     "sgbm": _create_opencv,
     "bm": _create_opencv,

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from lrtrav_ros.config import ElasConfig, StereoConfig
 from lrtrav_ros.method.matching import _elas_kernels as kernels
 from lrtrav_ros.method.matching.elas import Elas
+from lrtrav_ros.numerics.thread_team import ThreadTeam
 
 Image = NDArray[np.uint8]
 
@@ -33,7 +34,7 @@ def pair_of(disparity: NDArray[np.float32], seed: int = 0) -> tuple[Image, Image
 
 
 def elas(n_disparities: int = 32, *, half: bool = False, threads: int = 1, config: ElasConfig | None = None) -> Elas:
-    return Elas(StereoConfig(n_disparities=n_disparities, half_resolution=half), config, threads=threads)
+    return Elas(StereoConfig(n_disparities=n_disparities, half_resolution=half), config, team=ThreadTeam(threads))
 
 
 @pytest.mark.parametrize("half", [False, True])
@@ -171,12 +172,6 @@ def test_far_points_along_the_upper_edge_need_less_support(row: int, column: int
     assert elas(16, config=config).compute(image[:, :-3], image[:, 3:]).any() == found
 
 
-def test_gaps() -> None:
-    row = np.array([[-1, 5, -1, -1, 7, -1, 20, -1, -1, -1, -1, 20, -1]], np.float32)
-    kernels.fill_gaps(row, 3, 3.0)
-    assert row[0].tolist() == [-1, 5, 6, 6, 7, 7, 20, -1, -1, -1, -1, 20, -1]
-
-
 def test_isolated_and_redundant_support_points() -> None:
     grid = np.full((3, 12), -1, np.int16)
     grid[1, 1:8] = [9, 9, 10, 9, 9, 30, 9]
@@ -187,24 +182,57 @@ def test_isolated_and_redundant_support_points() -> None:
     assert kept[1, 1:8].tolist() == [9, -1, -1, -1, -1, -1, 9]
 
 
-def test_row_of_costs_is_the_sum_of_differences() -> None:
-    rng = np.random.default_rng(5)
-    hl, vl, hr, vr = rng.integers(0, 256, (4, 5, 44), dtype=np.uint8)
-    costs = np.zeros((8, 40), np.uint16)
-    kernels._row_costs(hl, vl, hr, vr, 0, np.array([[3, 5, 40]]), costs)
+def test_texture_is_the_sum_of_a_descriptor() -> None:
+    height, width = 3, 40
+    shape = height + 4, width + 4 + kernels.PADDING
+    h, v = np.random.default_rng(5).integers(0, 256, (2, *shape), dtype=np.uint8)
+    sums = np.zeros((height, width + kernels.PADDING), np.uint16)
+    kernels.texture(h, v, width, 1, 3, sums)
 
-    def difference(left: Image, right: Image, dv: int, du: int) -> int:
-        return abs(int(left[2 + dv, 2 + 20 + du]) - int(right[2 + dv, 2 + 17 + du]))
+    def total(responses: Image, offsets: list[tuple[int, int]]) -> int:
+        return sum(int(responses[2 + 1 + dv, 2 + 20 + du]) for dv, du in offsets)
 
     horizontal = [(-2, 0), (2, 0), (0, -1), (0, 0), (0, 0), (0, 1)]
     horizontal += [(dv, du) for dv in (-1, 1) for du in (-2, 0, 2)]
-    expected = sum(difference(hl, hr, *offset) for offset in horizontal)
-    expected += sum(difference(vl, vr, *offset) for offset in ((-1, 0), (0, -1), (0, 1), (1, 0)))
-    assert costs[3, 20] == expected
-    assert not costs[:3].any()
-    assert not costs[3, :5].any()
+    assert sums[1, 20] == total(h, horizontal) + total(v, [(-1, 0), (0, -1), (0, 1), (1, 0)])
+    assert not sums[0].any()
 
 
-def test_threads_must_be_positive() -> None:
-    with pytest.raises(ValueError, match="threads is 0"):
-        Elas(threads=0)
+def test_support_is_the_least_of_the_sums_over_a_window() -> None:
+    rng = np.random.default_rng(6)
+    height, width, n_disparities, u, v = 9, 60, 20, 35, 4
+    shape = height + 4, width + 4 + kernels.PADDING
+    hl, vl, hr, vr = rng.integers(0, 256, (4, *shape), dtype=np.uint8)
+    hl[:, 20:60], vl[:, 20:60] = hr[:, 13:53], vr[:, 13:53]  # seven pixels apart, with noise of 1
+    hl[:, 20:60] ^= rng.integers(0, 2, (height + 4, 40), dtype=np.uint8)
+    textured = np.full((height, width), 100, np.uint16)
+    grid = np.full((2, 13), -1, np.int16)
+
+    def support(uniqueness: float, least_texture: int) -> int:
+        kernels.match_support(
+            hl, vl, hr, vr, textured, textured, least_texture, 1, 2, 1, 4, n_disparities, uniqueness, 2, grid
+        )
+        return int(grid[v // 4, u // 4])
+
+    assert support(0.85, 100) == 7
+    assert support(0.85, 101) == -1
+    assert support(0.0, 100) == -1
+
+
+def test_planes_are_drawn_rounded_down() -> None:
+    points = np.array([[1, 1, 3], [11, 1, 5], [1, 9, 7]], np.float64)
+    planes = np.full((12, 14 + kernels.PADDING), kernels.NO_PLANE, np.int16)
+    kernels.draw_planes(points, np.array([[2, 0, 1]], np.int32), 1, 1, planes)
+    v, u = np.mgrid[:12, :14]
+    inside = (u >= 1) & (v >= 1) & (8 * (u - 1) + 10 * (v - 1) <= 80)
+    expected = np.where(inside, (3 * 10 + 2 * (u - 1) + 5 * (v - 1)) // 10, kernels.NO_PLANE)
+    np.testing.assert_array_equal(planes[:, :14], expected)
+    assert np.all(planes[:, 14:] == kernels.NO_PLANE)
+
+
+def test_candidates_are_those_of_next_cells_and_disparities() -> None:
+    candidates = np.zeros((3, 4, 8), np.bool_)
+    kernels.mark_candidates(np.array([[25, 9, 7]], np.float64), 10, candidates)
+    expected = np.zeros_like(candidates)
+    expected[:2, 1:, 6:] = True
+    np.testing.assert_array_equal(candidates, expected)

@@ -21,7 +21,7 @@ def pair() -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
 
 
 def matcher(name: str, **settings: int | bool) -> Matcher:
-    return create_matcher(StereoConfig(matcher=name, **{"n_disparities": 32, **settings}), ElasConfig(), threads=1)
+    return create_matcher(StereoConfig(matcher=name, **{"n_disparities": 32, **settings}), ElasConfig())
 
 
 @pytest.mark.parametrize("name", ["sgbm", "bm"])
