@@ -492,7 +492,7 @@ class SuperpixelsConfig(CheckedConfig):
 
     n_superpixels: int = setting(
         500,
-        "superpixels that are asked for; raise it for narrow paths and thin obstacles, at the price of time",
+        "superpixels that are asked for; raise it for narrow paths and thin obstacles; from 1000 on it takes time",
         minimum=1,
         maximum=20000,
     )
@@ -627,8 +627,8 @@ class Config(CheckedConfig):
 
     threads: int = setting(
         0,
-        "threads that matching by elas may use (sgbm uses one, bm OpenCV's own number); 0 for all processors; "
-        "lower it to leave processors to others: the result does not depend on it",
+        "threads that a detector may use, those of OpenCV included (sgbm and the node long_range have one each); 0 for "
+        "all processors; lower it to leave processors to others: the result does not depend on it",
         minimum=0,
         maximum=256,
     )

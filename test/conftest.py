@@ -11,7 +11,7 @@ from lrtrav_ros.nodes import shared_memory  # imports nothing of ROS
 os.environ["ROS_DOMAIN_ID"] = str(1 + os.getpid() % 100)
 os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
 os.environ["ROS_PYTHON_CHECK_FIELDS"] = "1"
-shared_memory.use_large_segment()
+shared_memory.use_segment(shared_memory.IMAGES_PROFILE)
 _LOGS = tempfile.TemporaryDirectory(prefix="lrtrav_ros_log_")
 os.environ["ROS_LOG_DIR"] = _LOGS.name
 

@@ -169,7 +169,8 @@ def imported_modules(path: Path) -> set[str]:
         ("synthetic", {"camera", "config", "frame", "numerics", "synthetic"}),
         ("io", {"camera", "config", "detector", "frame", "io", "method"}),
         ("offline", {"camera", "config", "detector", "io", "offline"}),
-        ("nodes", {"camera", "config", "detector", "frame", "io", "method", "nodes"}),
+        ("benchmark", {"benchmark", "config", "detector", "frame", "method", "nodes", "synthetic"}),
+        ("nodes", {"camera", "config", "detector", "frame", "io", "method", "nodes", "numerics"}),
     ],
 )
 def test_a_room_imports_only_what_lies_further_in(room: str, allowed: set[str]) -> None:

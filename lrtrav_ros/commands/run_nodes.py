@@ -15,7 +15,7 @@ class NodesCommand:
     description : str
         Its help, with examples.
     nodes : tuple of str
-        Names of the nodes, in the order in which they start.
+        Names of the nodes.
     """
 
     description: str
@@ -29,12 +29,9 @@ class NodesCommand:
 
     def run(self, args: argparse.Namespace) -> int:
         """Spin the nodes; return the exit status."""
-        from lrtrav_ros.nodes.long_range_node import LongRangeNode
         from lrtrav_ros.nodes.process import run_nodes
-        from lrtrav_ros.nodes.short_range_node import ShortRangeNode
 
-        classes = {"short_range": ShortRangeNode, "long_range": LongRangeNode}
-        return run_nodes([classes[name] for name in self.nodes], ros_args=args.ros_args)
+        return run_nodes(self.nodes, ros_args=args.ros_args)
 
 
 DETECTOR = NodesCommand(
@@ -48,8 +45,7 @@ Parameters are those of `lrtrav detect --set`, and the YAML files are the same:
 Topics are relative and can be remapped:
   ros2 run lrtrav_ros detector --ros-args -r left/image_rect:=/camera/left/image_rect
 """,
-    # The short range comes last: who waits for its subscriptions, as `replay` does, finds both nodes ready.
-    ("long_range", "short_range"),
+    ("short_range", "long_range"),
 )
 
 SHORT_RANGE_NODE = NodesCommand(

@@ -80,8 +80,8 @@ def decode_image(
     Returns
     -------
     (height, width) or (height, width, 3) ndarray
-        A contiguous, writable copy in the machine's byte order: BGR for colour and Bayer encodings, else grey or
-        depth; uint8, uint16 (``mono16``, ``16UC1``, ``bayer_*16``) or float32 (``32FC1``).
+        A contiguous copy in the machine's byte order: BGR for colour and Bayer encodings, else grey or depth; uint8,
+        uint16 (``mono16``, ``16UC1``, ``bayer_*16``) or float32 (``32FC1``). It is writable, as kernels want it.
 
     Raises
     ------
@@ -96,7 +96,9 @@ def decode_image(
     buffer = np.frombuffer(data, np.uint8)
     _check_layout(buffer.size, height=height, width=width, step=step, row_bytes=row_bytes)
     rows = buffer[: step * height].reshape(height, step)[:, :row_bytes]
-    image = np.ascontiguousarray(rows).view(dtype).astype(dtype.newbyteorder("="))
+    # Conversion makes a copy of its own.
+    is_to_copy = pixel.conversion is None and rows.flags.c_contiguous
+    image = np.ascontiguousarray(rows).view(dtype).astype(dtype.newbyteorder("="), copy=is_to_copy)
     if pixel.channels > 1:
         image = image.reshape(height, width, pixel.channels)
     return image if pixel.conversion is None else cv2.cvtColor(image, pixel.conversion)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,6 +13,7 @@ from lrtrav_ros.camera import StereoCamera
 from lrtrav_ros.frame import Frame, Image
 from lrtrav_ros.io.camera_info import check_same_window, depth_camera, disparity_camera, stereo_camera
 from lrtrav_ros.io.encodings import decode_message
+from lrtrav_ros.io.serialized_message import SerializedMessage
 
 _MILLIMETRES = 1000
 
@@ -25,7 +27,7 @@ class FrameMessages:
     source : str
         Source of disparity: ``stereo``, ``disparity`` or ``depth``.
     partner : sensor_msgs/Image, sensor_msgs/CompressedImage or stereo_msgs/DisparityImage
-        The right image, the disparity image or the depth image.
+        The right image, the disparity image or the depth image; it and `left` may be serialised until `decoded`.
     left_info : sensor_msgs/CameraInfo
         Calibration of the left image.
     right_info : sensor_msgs/CameraInfo, optional
@@ -49,6 +51,12 @@ class FrameMessages:
     def stamp_ns(self) -> int:
         """Time of the frame in nanoseconds."""
         return header_stamp_ns(self)
+
+    def decoded(self) -> FrameMessages:
+        """Return the messages with no image serialised any more; raises ValueError where one is damaged."""
+        images = (self.left, self.partner)
+        left, partner = (item.decode() if isinstance(item, SerializedMessage) else item for item in images)
+        return dataclasses.replace(self, left=left, partner=partner)
 
 
 def header_stamp_ns(message: Any) -> int:

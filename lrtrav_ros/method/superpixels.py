@@ -76,6 +76,7 @@ def preemptive_slic(
     check_image("image", image)
     if image.ndim == 2:
         image = np.repeat(image[..., np.newaxis], 3, axis=2)
+    image = np.ascontiguousarray(image)
     grid = _Grid.fit(image.shape[0], image.shape[1], config.n_superpixels)
     if not grid.is_coarse:
         return _segment(image, grid, config, team)
@@ -117,7 +118,7 @@ def _lab(image: NDArray[np.uint8], team: ThreadTeam) -> NDArray[np.uint8]:
     planes = np.empty((3, *image.shape[:2]), np.uint8)
 
     def convert(first: int, last: int) -> None:
-        lab = cv2.cvtColor(np.ascontiguousarray(image[first:last]), cv2.COLOR_BGR2LAB)
+        lab = cv2.cvtColor(image[first:last], cv2.COLOR_BGR2LAB)
         cv2.split(lab, list(planes[:, first:last]))
 
     team.for_bands(convert, len(image), least_rows=_LEAST_ROWS)

@@ -24,7 +24,7 @@ from tqdm import tqdm
 
 from lrtrav_ros.io import topics
 from lrtrav_ros.io.bag_reader import BagReader
-from lrtrav_ros.nodes.shared_memory import use_large_segment
+from lrtrav_ros.nodes.shared_memory import IMAGES_PROFILE, use_segment
 
 _IMAGES = frozenset((topics.LEFT_IMAGE, *topics.PARTNER.values()))
 _INPUTS = _IMAGES | {topics.LEFT_INFO, topics.RIGHT_INFO}
@@ -97,7 +97,7 @@ def replay(path: str | os.PathLike[str], options: ReplayOptions, *, ros_args: Se
             names = published_names(reader.topics, options)
         except ValueError as err:
             raise ValueError(f"{path}: {err}") from err
-        use_large_segment()
+        use_segment(IMAGES_PROFILE)
         try:
             rclpy.init(args=list(ros_args))
         except RuntimeError as err:

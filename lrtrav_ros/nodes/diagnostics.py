@@ -31,8 +31,8 @@ class Diagnostics:
         Counts the frames.
     problem : callable
         Returns why nothing reaches the worker; empty where something does.
-    frame_topic : TopicQueue
-        The topic whose messages count as frames.
+    frame_topic : callable
+        Returns the topic whose messages count as frames.
     n_replaced : callable
         Returns how many frames were dropped before they reached the worker.
     """
@@ -43,7 +43,7 @@ class Diagnostics:
         worker: Worker[Any],
         *,
         problem: Callable[[], str],
-        frame_topic: TopicQueue[Any],
+        frame_topic: Callable[[], TopicQueue[Any]],
         n_replaced: Callable[[], int] = lambda: 0,
     ) -> None:
         self._node = node
@@ -74,13 +74,13 @@ class Diagnostics:
             self._node.get_logger().warning(problem)
 
     def _status(self, problem: str) -> DiagnosticStatus:
-        worker = self._worker
+        worker, frame_topic = self._worker, self._frame_topic()
         values = {
-            "frames received": self._frame_topic.received,
+            "frames received": frame_topic.received,
             "frames processed": worker.processed,
             "frames dropped": worker.dropped + self._n_replaced(),
             "frames failed": worker.failed,
-            "frames unpaired": self._frame_topic.unpaired,
+            "frames unpaired": frame_topic.unpaired,
             "rate [Hz]": f"{worker.rate_hz:.2f}",
             "last frame [ms]": f"{worker.last_ms:.1f}",
             "median frame [ms]": f"{worker.median_ms:.1f}",

@@ -8,42 +8,97 @@ from typing import Any
 from numpy.typing import NDArray
 from rclpy.node import Node
 from rclpy.publisher import Publisher
-from rclpy.qos import QoSPolicyKind, QoSProfile, QoSReliabilityPolicy
+from rclpy.qos import QoSDurabilityPolicy, QoSPolicyKind, QoSProfile, QoSReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.subscription import Subscription
-from sensor_msgs.msg import CompressedImage, Image
+from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 from std_msgs.msg import Header
+from stereo_msgs.msg import DisparityImage
 
+from lrtrav_ros.io.serialized_message import SerializedMessage
+from lrtrav_ros.io.topics import COMPRESSED_TYPE, DISPARITY_TYPE, IMAGE_TYPE
 from lrtrav_ros.nodes.messages import array_to_image
 
 _OVERRIDES = QoSOverridingOptions(
     [QoSPolicyKind.HISTORY, QoSPolicyKind.DEPTH, QoSPolicyKind.RELIABILITY, QoSPolicyKind.DURABILITY]
 )
+_IMAGE_DEPTH = 5
+
+Take = Callable[[SerializedMessage], None]
+Refuse = Callable[[Exception], None]
 
 
-def subscribe(
-    node: Node, kind: type[Any], topic: str, callback: Callable[[Any], None], *, depth: int = 5
-) -> Subscription:
-    """Subscribe as sensor data are: best effort matches every publisher. `depth` messages wait at most."""
-    qos = QoSProfile(depth=depth, reliability=QoSReliabilityPolicy.BEST_EFFORT)
-    return node.create_subscription(kind, topic, callback, qos, qos_overriding_options=_OVERRIDES)
+def subscribe_info(node: Node, topic: str, callback: Callable[[CameraInfo], None]) -> Subscription:
+    """Subscribe to calibration as sensor data are: best effort matches every publisher. Only the newest one counts."""
+    return node.create_subscription(CameraInfo, topic, callback, _sensor_data(1), qos_overriding_options=_OVERRIDES)
 
 
 def subscribe_image(
-    node: Node, topic: str, callback: Callable[[Any], None], *, compressed: bool, transport: str = "compressed"
+    node: Node, topic: str, take: Take, refuse: Refuse, *, compressed: bool = False, transport: str = "compressed"
 ) -> Subscription:
     """Subscribe to an image, or to what image_transport publishes beside it; remapping the image moves both."""
     if not compressed:
-        return subscribe(node, Image, topic, callback)
-    return subscribe(node, CompressedImage, f"{node.resolve_topic_name(topic)}/{transport}", callback)
+        return _subscribe(node, Image, IMAGE_TYPE, topic, take, refuse)
+    topic = f"{node.resolve_topic_name(topic)}/{transport}"
+    return _subscribe(node, CompressedImage, COMPRESSED_TYPE, topic, take, refuse)
 
 
-def advertise(node: Node, kind: type[Any], topic: str) -> Publisher:
-    """Return a reliable publisher of which only the newest message counts."""
-    return node.create_publisher(kind, topic, QoSProfile(depth=1), qos_overriding_options=_OVERRIDES)
+def subscribe_disparity(node: Node, topic: str, take: Take, refuse: Refuse) -> Subscription:
+    """Subscribe to a disparity image."""
+    return _subscribe(node, DisparityImage, DISPARITY_TYPE, topic, take, refuse)
 
 
-def publish_if_wanted(publisher: Publisher, header: Header, pixels: Callable[[], NDArray[Any]]) -> None:
-    """Publish an image that is made only where somebody subscribes to it."""
-    if publisher.get_subscription_count():
-        publisher.publish(array_to_image(pixels(), header))
+def _subscribe(node: Node, kind: type[Any], type_name: str, topic: str, take: Take, refuse: Refuse) -> Subscription:
+    """Subscribe to messages that stay serialised; those that have no stamp are refused."""
+
+    def take_or_refuse(data: bytes) -> None:
+        try:
+            message = SerializedMessage(data, type_name)
+        except ValueError as err:
+            refuse(err)
+        else:
+            take(message)
+
+    qos = _sensor_data(_IMAGE_DEPTH)
+    return node.create_subscription(kind, topic, take_or_refuse, qos, qos_overriding_options=_OVERRIDES, raw=True)
+
+
+def _sensor_data(depth: int) -> QoSProfile:
+    """Return the quality of service of inputs; `depth` messages wait at most."""
+    return QoSProfile(depth=depth, reliability=QoSReliabilityPolicy.BEST_EFFORT)
+
+
+class Output:
+    """A reliable publisher of which only the newest message counts; what nobody subscribes to is not made.
+
+    Parameters
+    ----------
+    node : rclpy.node.Node
+        Publishes.
+    topic : str
+        Relative name.
+    kind : type, optional
+        Class of the messages.
+    """
+
+    def __init__(self, node: Node, topic: str, kind: type[Any] = Image) -> None:
+        self._publisher: Publisher = node.create_publisher(
+            kind, topic, QoSProfile(depth=1), qos_overriding_options=_OVERRIDES
+        )
+        # An override may keep the newest message for who subscribes later.
+        self._is_kept = self._publisher.qos_profile.durability == QoSDurabilityPolicy.TRANSIENT_LOCAL
+
+    @property
+    def topic_name(self) -> str:
+        """The full name of the topic."""
+        name: str = self._publisher.topic_name
+        return name
+
+    def publish(self, message: Callable[[], Any]) -> None:
+        """Publish a message, which is made only where it is wanted."""
+        if self._is_kept or self._publisher.get_subscription_count():
+            self._publisher.publish(message())
+
+    def publish_image(self, pixels: Callable[[], NDArray[Any]], header: Header) -> None:
+        """Publish an image, which is made only where it is wanted."""
+        self.publish(lambda: array_to_image(pixels(), header))

@@ -17,7 +17,7 @@ from sensor_msgs.msg import Image
 
 from lrtrav_ros.io.encodings import decode_message
 from lrtrav_ros.io.message_frames import header_stamp_ns
-from lrtrav_ros.nodes.shared_memory import use_large_segment
+from lrtrav_ros.nodes.shared_memory import IMAGES_PROFILE, use_segment
 
 _QUEUE_DEPTH = 50
 
@@ -32,7 +32,7 @@ class ImageCollector:
     """
 
     def __init__(self, topics: Sequence[str], *, namespace: str) -> None:
-        use_large_segment()
+        use_segment(IMAGES_PROFILE)
         rclpy.init(args=[])
         self.images: dict[int, dict[str, NDArray[Any]]] = defaultdict(dict)
         self._node = rclpy.create_node("collector", namespace=namespace)

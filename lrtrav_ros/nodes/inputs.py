@@ -5,14 +5,14 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from functools import partial
-from typing import Any, Protocol
+from typing import Protocol
 
 from rclpy.node import Node
 from sensor_msgs.msg import CameraInfo
-from stereo_msgs.msg import DisparityImage
 
-from lrtrav_ros.io.message_frames import FrameMessages, header_stamp_ns
+from lrtrav_ros.io.message_frames import FrameMessages
 from lrtrav_ros.io.pairing import StampPairing, TopicQueue
+from lrtrav_ros.io.serialized_message import SerializedMessage
 from lrtrav_ros.io.topics import DEPTH_IMAGE, DISPARITY, LEFT_IMAGE, LEFT_INFO, RIGHT_IMAGE, RIGHT_INFO
 from lrtrav_ros.nodes import endpoints
 from lrtrav_ros.nodes.parameters import Settings
@@ -24,12 +24,12 @@ Deliver = Callable[[FrameMessages], None]
 
 
 class Input(Protocol):
-    """A source of disparity: subscribes, and delivers the messages of each frame."""
+    """A source of disparity: subscribes, and delivers the messages of each frame, its images still serialised."""
 
     calibrated: CalibratedFrames
 
     @property
-    def frame_topic(self) -> TopicQueue[Any]:
+    def frame_topic(self) -> TopicQueue[SerializedMessage]:
         """The topic whose messages count as frames."""
 
     def problem(self) -> str:
@@ -64,11 +64,11 @@ class CalibratedFrames:
         self._deliver = deliver
         self._needed = {name: node.resolve_topic_name(name) for name in needed}
         self._latest: dict[str, CameraInfo] = {}
-        self._waiting: tuple[Any | None, Any] | None = None
+        self._waiting: tuple[SerializedMessage | None, SerializedMessage] | None = None
         for name in (*needed, *optional):
-            endpoints.subscribe(node, CameraInfo, name, partial(self._take_info, name), depth=1)
+            endpoints.subscribe_info(node, name, partial(self._take_info, name))
 
-    def put(self, left: Any | None, partner: Any) -> None:
+    def put(self, left: SerializedMessage | None, partner: SerializedMessage) -> None:
         """Take the images of a frame; the left one may be None where disparity or depth is the source."""
         self.n_replaced += self._waiting is not None
         self._waiting = (left, partner)
@@ -103,16 +103,18 @@ class CalibratedFrames:
 class StereoInput:
     """A rectified pair of images, paired by stamp."""
 
-    def __init__(self, node: Node, settings: Settings, deliver: Deliver) -> None:
+    def __init__(self, node: Node, settings: Settings, deliver: Deliver, refuse: endpoints.Refuse) -> None:
         self.calibrated = CalibratedFrames(node, "stereo", deliver, needed=(LEFT_INFO, RIGHT_INFO))
         self._settings = settings
         compressed = settings.config.source.compressed
-        left = endpoints.subscribe_image(node, LEFT_IMAGE, self._take_left, compressed=compressed)
-        right = endpoints.subscribe_image(node, RIGHT_IMAGE, self._take_right, compressed=compressed)
-        self._pairing: StampPairing[Any, Any] = StampPairing(TopicQueue(left.topic_name), TopicQueue(right.topic_name))
+        left = endpoints.subscribe_image(node, LEFT_IMAGE, self._take_left, refuse, compressed=compressed)
+        right = endpoints.subscribe_image(node, RIGHT_IMAGE, self._take_right, refuse, compressed=compressed)
+        self._pairing: StampPairing[SerializedMessage, SerializedMessage] = StampPairing(
+            TopicQueue(left.topic_name), TopicQueue(right.topic_name)
+        )
 
     @property
-    def frame_topic(self) -> TopicQueue[Any]:
+    def frame_topic(self) -> TopicQueue[SerializedMessage]:
         """The left images."""
         return self._pairing.first
 
@@ -122,17 +124,17 @@ class StereoInput:
             return self.calibrated.problem()
         return self.calibrated.problem() or self._pairing.silence(tolerance_ns=self._settings.stamp_tolerance_ns)
 
-    def _take_left(self, message: Any) -> None:
-        self._put(self._pairing.add_first(header_stamp_ns(message), message, tolerance_ns=self._tolerance_ns))
+    def _take_left(self, message: SerializedMessage) -> None:
+        self._put(self._pairing.add_first(message.stamp_ns, message, tolerance_ns=self._tolerance_ns))
 
-    def _take_right(self, message: Any) -> None:
-        self._put(self._pairing.add_second(header_stamp_ns(message), message, tolerance_ns=self._tolerance_ns))
+    def _take_right(self, message: SerializedMessage) -> None:
+        self._put(self._pairing.add_second(message.stamp_ns, message, tolerance_ns=self._tolerance_ns))
 
     @property
     def _tolerance_ns(self) -> int:
         return self._settings.stamp_tolerance_ns
 
-    def _put(self, pair: tuple[Any, Any] | None) -> None:
+    def _put(self, pair: tuple[SerializedMessage, SerializedMessage] | None) -> None:
         if pair is not None:
             self.calibrated.put(*pair)
 
@@ -142,7 +144,7 @@ class _SingleInput:
 
     def __init__(self, calibrated: CalibratedFrames) -> None:
         self.calibrated = calibrated
-        self.frame_topic: TopicQueue[Any] = TopicQueue("")
+        self.frame_topic: TopicQueue[SerializedMessage] = TopicQueue("")
         self._last_s = time.monotonic()
 
     def problem(self) -> str:
@@ -151,31 +153,32 @@ class _SingleInput:
         silence = f"no message for {idle_s:.0f} s; {self.frame_topic}" if idle_s >= PATIENCE_S else ""
         return self.calibrated.problem() or silence
 
-    def _take(self, message: Any) -> None:
+    def _take(self, message: SerializedMessage) -> None:
         self._last_s = time.monotonic()
-        self.frame_topic.count(header_stamp_ns(message))
+        self.frame_topic.count(message.stamp_ns)
         self.calibrated.put(None, message)
 
 
 class DisparityInput(_SingleInput):
     """A disparity image from elsewhere, such as ``stereo_image_proc`` or an FPGA."""
 
-    def __init__(self, node: Node, settings: Settings, deliver: Deliver) -> None:
+    def __init__(self, node: Node, settings: Settings, deliver: Deliver, refuse: endpoints.Refuse) -> None:
         super().__init__(CalibratedFrames(node, "disparity", deliver, needed=(LEFT_INFO,)))
-        self.frame_topic.topic = endpoints.subscribe(node, DisparityImage, DISPARITY, self._take).topic_name
+        self.frame_topic.topic = endpoints.subscribe_disparity(node, DISPARITY, self._take, refuse).topic_name
 
 
 class DepthInput(_SingleInput):
     """A depth image that is registered to the left image."""
 
-    def __init__(self, node: Node, settings: Settings, deliver: Deliver) -> None:
+    def __init__(self, node: Node, settings: Settings, deliver: Deliver, refuse: endpoints.Refuse) -> None:
         super().__init__(CalibratedFrames(node, "depth", deliver, needed=(LEFT_INFO,), optional=(RIGHT_INFO,)))
+        compressed = settings.config.source.compressed
         self.frame_topic.topic = endpoints.subscribe_image(
-            node, DEPTH_IMAGE, self._take, compressed=settings.config.source.compressed, transport="compressedDepth"
+            node, DEPTH_IMAGE, self._take, refuse, compressed=compressed, transport="compressedDepth"
         ).topic_name
 
 
-INPUTS: dict[str, Callable[[Node, Settings, Deliver], Input]] = {
+INPUTS: dict[str, Callable[[Node, Settings, Deliver, endpoints.Refuse], Input]] = {
     "stereo": StereoInput,
     "disparity": DisparityInput,
     "depth": DepthInput,

@@ -8,30 +8,22 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from rclpy.node import Node
-from sensor_msgs.msg import Image
 from std_msgs.msg import Header
 from std_srvs.srv import Empty
 
-from lrtrav_ros.config import LONG_RANGE_STAGES
+from lrtrav_ros.config import LONG_RANGE_STAGES, Config
 from lrtrav_ros.detector import LongRange, LongRangeDetector
 from lrtrav_ros.frame import as_8bit
-from lrtrav_ros.io.encodings import decode_message
-from lrtrav_ros.io.message_frames import header_stamp_ns
-from lrtrav_ros.io.pairing import StampPairing, TopicQueue
 from lrtrav_ros.io.pictures import overlay
-from lrtrav_ros.io.topics import LEFT_IMAGE
-from lrtrav_ros.nodes import endpoints, messages
+from lrtrav_ros.method.memory import Memory
+from lrtrav_ros.nodes import messages
 from lrtrav_ros.nodes.diagnostics import Diagnostics, report_failure
-from lrtrav_ros.nodes.inputs import PATIENCE_S
+from lrtrav_ros.nodes.endpoints import Output
+from lrtrav_ros.nodes.long_range_inputs import LongRangeFrame, LongRangeInput, ShortRangeLink, TopicsInput
 from lrtrav_ros.nodes.parameters import Settings
 from lrtrav_ros.nodes.warm_up import compile_kernels
 from lrtrav_ros.nodes.worker import Worker
-
-_WAITING_LEFT = 30  # one second at 30 Hz: a left image waits while the short-range node works on its frame
-_WAITING_OCCUPANCY = 5
-
-ImagePair = tuple[Any, Any]
-"""Messages of one frame: the short-range occupancy, and the left image."""
+from lrtrav_ros.numerics.thread_team import ALONE
 
 
 class LongRangeNode(Node):
@@ -51,12 +43,15 @@ class LongRangeNode(Node):
         self._settings = Settings(self, LONG_RANGE_STAGES)
         self._advertise()
         compile_kernels(self._settings.config)
-        self._cached_detector = LongRangeDetector(self._settings.config)
+        self._cached_detector = _new_detector(self._settings.config, None)
         self._is_to_forget = threading.Event()
         self.create_service(Empty, "long_range/reset_memory", self._reset_memory)
-        self._worker: Worker[ImagePair] = Worker(self._process, failed=lambda err: report_failure(self, err))
-        self._pairing = self._subscribe()
-        self._diagnostics = Diagnostics(self, self._worker, problem=self._problem, frame_topic=self._pairing.first)
+        self._worker: Worker[LongRangeFrame] = Worker(self._process, failed=lambda err: report_failure(self, err))
+        self._topics = TopicsInput(self, self._settings, self._worker.put, self._worker.refuse)
+        self._input: LongRangeInput = self._topics
+        self._diagnostics = Diagnostics(
+            self, self._worker, problem=lambda: self._input.problem(), frame_topic=lambda: self._input.frame_topic
+        )
         self.get_logger().info("ready")
 
     def destroy_node(self) -> None:
@@ -65,48 +60,42 @@ class LongRangeNode(Node):
             self._worker.close()
         super().destroy_node()
 
+    def link(self, *, left_topic: str, occupancy_topic: str) -> ShortRangeLink | None:
+        """Take frames from the short-range node of this process, and no longer from topics, where both name the same.
+
+        Parameters
+        ----------
+        left_topic, occupancy_topic : str
+            Full names of the short-range node's topics.
+
+        Returns
+        -------
+        ShortRangeLink or None
+            What the short-range node is to give its frames; None where it has other topics than this node.
+        """
+        if (left_topic, occupancy_topic) != (self._topics.left_topic, self._topics.frame_topic.topic):
+            return None
+        self._topics.close()
+        link = ShortRangeLink(self._topics, self._worker.put)
+        self._input = link
+        return link
+
     def _advertise(self) -> None:
-        self._mask = endpoints.advertise(self, Image, "long_range/mask")
-        self._occupancy = endpoints.advertise(self, Image, "long_range/occupancy")
-        self._superpixels = endpoints.advertise(self, Image, "long_range/superpixels")
-        self._clusters = endpoints.advertise(self, Image, "long_range/clusters")
-        self._confidence = endpoints.advertise(self, Image, "long_range/confidence")
-        self._overlay = endpoints.advertise(self, Image, "long_range/overlay")
+        self._mask = Output(self, "long_range/mask")
+        self._occupancy = Output(self, "long_range/occupancy")
+        self._superpixels = Output(self, "long_range/superpixels")
+        self._clusters = Output(self, "long_range/clusters")
+        self._confidence = Output(self, "long_range/confidence")
+        self._overlay = Output(self, "long_range/overlay")
 
-    def _subscribe(self) -> StampPairing[Any, Any]:
-        compressed = self._settings.config.source.compressed
-        left = endpoints.subscribe_image(self, LEFT_IMAGE, self._take_left, compressed=compressed)
-        occupancy = endpoints.subscribe(self, Image, "short_range/occupancy", self._take_occupancy)
-        return StampPairing(
-            TopicQueue(occupancy.topic_name, _WAITING_OCCUPANCY),
-            TopicQueue(left.topic_name, _WAITING_LEFT, is_ordered=True),
-        )
-
-    @property
-    def _tolerance_ns(self) -> int:
-        """Largest difference of stamps: none for stereo; disparity and depth may have stamps of their own."""
-        return 0 if self._settings.config.source.source == "stereo" else self._settings.stamp_tolerance_ns
-
-    def _take_left(self, message: Any) -> None:
-        stamp_ns = header_stamp_ns(message)
-        self._put(self._pairing.add_second(stamp_ns, message, tolerance_ns=self._tolerance_ns))
-
-    def _take_occupancy(self, message: Image) -> None:
-        stamp_ns = header_stamp_ns(message)
-        self._put(self._pairing.add_first(stamp_ns, message, tolerance_ns=self._tolerance_ns))
-
-    def _put(self, pair: ImagePair | None) -> None:
-        if pair is not None:
-            self._worker.put(pair)
-
-    def _problem(self) -> str:
-        return "" if self._pairing.idle_s < PATIENCE_S else self._pairing.silence(tolerance_ns=self._tolerance_ns)
-
-    def _process(self, pair: ImagePair) -> None:
-        occupancy, left = (decode_message(message) for message in pair)
-        image = as_8bit(left)
-        long_range = self._detector().detect(image, occupancy, stamp_ns=header_stamp_ns(pair[1]))
-        self._publish(pair[1].header, image, occupancy, long_range)
+    def _process(self, frame: LongRangeFrame) -> None:
+        left = frame.left()
+        image = as_8bit(left.pixels)
+        detector = self._detector()
+        appearance = detector.look(image)
+        occupancy = frame.occupancy()
+        long_range = detector.extend(appearance, occupancy, stamp_ns=left.stamp_ns)
+        self._publish(left.header, image, occupancy, long_range)
 
     def _reset_memory(self, request: Empty.Request, response: Empty.Response) -> Empty.Response:
         # The memory belongs to the worker's thread, which may be at a frame.
@@ -118,7 +107,7 @@ class LongRangeNode(Node):
         config, last = self._settings.config, self._cached_detector
         if last.config is not config:
             fits = (last.config.features, last.config.memory) == (config.features, config.memory)
-            self._cached_detector = LongRangeDetector(config, memory=last.memory if fits else None)
+            self._cached_detector = _new_detector(config, last.memory if fits else None)
         if self._is_to_forget.is_set():
             self._is_to_forget.clear()
             self._cached_detector.memory.clear()
@@ -127,11 +116,16 @@ class LongRangeNode(Node):
     def _publish(
         self, header: Header, image: NDArray[np.uint8], occupancy: NDArray[np.uint8], long_range: LongRange
     ) -> None:
-        self._mask.publish(messages.array_to_image(long_range.mask, header))
-        self._occupancy.publish(messages.array_to_image(long_range.occupancy, header))
-        endpoints.publish_if_wanted(self._superpixels, header, lambda: messages.as_uint16(long_range.superpixels))
-        endpoints.publish_if_wanted(self._clusters, header, lambda: messages.as_uint16(long_range.clusters))
+        self._mask.publish_image(lambda: long_range.mask, header)
+        self._occupancy.publish_image(lambda: long_range.occupancy, header)
+        self._superpixels.publish_image(lambda: messages.as_uint16(long_range.superpixels), header)
+        self._clusters.publish_image(lambda: messages.as_uint16(long_range.clusters), header)
         confidence = long_range.confidence
         if confidence is not None:
-            endpoints.publish_if_wanted(self._confidence, header, lambda: confidence)
-        endpoints.publish_if_wanted(self._overlay, header, lambda: overlay(image, occupancy, long_range.occupancy))
+            self._confidence.publish_image(lambda: confidence, header)
+        self._overlay.publish_image(lambda: overlay(image, occupancy, long_range.occupancy), header)
+
+
+def _new_detector(config: Config, memory: Memory | None) -> LongRangeDetector:
+    """Return a detector on one thread: the processors that are left have the short range of the next frame to do."""
+    return LongRangeDetector(config, memory=memory, team=ALONE)

@@ -6,6 +6,7 @@ import array
 from typing import Any
 
 import numpy as np
+from builtin_interfaces.msg import Time
 from numpy.typing import NDArray
 from sensor_msgs.msg import Image, RegionOfInterest
 from std_msgs.msg import Header
@@ -16,6 +17,14 @@ from lrtrav_ros.io.encodings import encode_image
 
 _NO_DISPARITY = -1.0
 _DELTA_DISPARITY = 1 / 16  # what OpenCV's matchers resolve
+
+
+def header_of(message: Any) -> Header:
+    """Return the header of a message that rosbags or rclpy decoded."""
+    header = message.header
+    return Header(
+        stamp=Time(sec=int(header.stamp.sec), nanosec=int(header.stamp.nanosec)), frame_id=str(header.frame_id)
+    )
 
 
 def array_to_image(pixels: NDArray[Any], header: Header) -> Image:

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import contextlib
-import ctypes
 import os
 import signal
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Collection, Iterator, Sequence
 
 import rclpy
 from rclpy.exceptions import NameValidationException, ParameterException
@@ -15,21 +13,23 @@ from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos_overriding_options import InvalidQosOverridesError
 
-from lrtrav_ros.config import Config
-from lrtrav_ros.nodes.shared_memory import use_large_segment
+from lrtrav_ros.config import NODE_DEFAULTS, Config
+from lrtrav_ros.nodes.long_range_node import LongRangeNode
+from lrtrav_ros.nodes.process_memory import keep_freed_images, settle
+from lrtrav_ros.nodes.shared_memory import DETECTOR_PROFILE, use_segment
+from lrtrav_ros.nodes.short_range_node import ShortRangeNode
 from lrtrav_ros.nodes.warm_up import compile_kernels
-
-_M_MMAP_THRESHOLD = -3  # malloc.h
-_IMAGE_BYTES = 256 * 1024
 
 _COMPILED = "LRTRAV_KERNELS_COMPILED"
 
 
-def run_nodes(factories: Sequence[Callable[[], Node]], *, ros_args: Sequence[str]) -> int:
-    """Spin the nodes that `factories` make; return the exit status.
+def run_nodes(names: Collection[str], *, ros_args: Sequence[str]) -> int:
+    """Spin nodes; return the exit status.
 
     Parameters
     ----------
+    names : collection of str
+        ``short_range``, ``long_range`` or both, which are linked then.
     ros_args : sequence of str
         Arguments for ROS, such as ``--ros-args -p stereo.matcher:=bm``.
 
@@ -38,16 +38,16 @@ def run_nodes(factories: Sequence[Callable[[], Node]], *, ros_args: Sequence[str
     int
         0 when ended by a signal, 2 where `ros_args` or the nodes' parameters are wrong.
     """
+    keep_freed_images()
     _compile_apart()
-    use_large_segment()
-    _return_freed_images()
+    use_segment(DETECTOR_PROFILE)
     try:
         rclpy.init(args=list(ros_args))
     except RuntimeError as err:
         return _wrong_usage(err)
     nodes: list[Node] = []
     try:
-        _spin(factories, nodes)
+        _spin(names, nodes)
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
     except (ValueError, ParameterException, InvalidQosOverridesError, NameValidationException) as err:
@@ -64,13 +64,23 @@ def run_nodes(factories: Sequence[Callable[[], Node]], *, ros_args: Sequence[str
     return 0
 
 
-def _spin(factories: Sequence[Callable[[], Node]], nodes: list[Node]) -> None:
+def _spin(names: Collection[str], nodes: list[Node]) -> None:
     """Make the nodes, add them to `nodes`, and spin them."""
     executor = SingleThreadedExecutor()
-    for factory in factories:
-        nodes.append(factory())
-        executor.add_node(nodes[-1])
+    for node in _create(names):
+        nodes.append(node)
+        executor.add_node(node)
+    settle()
     executor.spin()
+
+
+def _create(names: Collection[str]) -> Iterator[Node]:
+    """Make the nodes. The short range is last: who waits for its subscriptions, as `replay` does, finds both ready."""
+    long_range = LongRangeNode() if "long_range" in names else None
+    if long_range is not None:
+        yield long_range
+    if "short_range" in names:
+        yield ShortRangeNode(long_range=long_range)
 
 
 def _wrong_usage(err: Exception) -> int:
@@ -78,14 +88,8 @@ def _wrong_usage(err: Exception) -> int:
     return 2
 
 
-def _return_freed_images() -> None:
-    """Let the C library (glibc) return the memory of freed images at once; its heaps keep some 60 MB otherwise."""
-    with contextlib.suppress(OSError, AttributeError):
-        ctypes.CDLL(None).mallopt(_M_MMAP_THRESHOLD, _IMAGE_BYTES)
-
-
 def _compile_apart() -> None:
     """Compile what is not cached yet, then restart the process: the compiler would keep 130 MB that nothing needs."""
-    if compile_kernels(Config()) and _COMPILED not in os.environ:
+    if compile_kernels(Config().updated(NODE_DEFAULTS)) and _COMPILED not in os.environ:
         os.environ[_COMPILED] = "1"  # once only: there may be no place to cache kernels
         os.execv(sys.executable, sys.orig_argv)

@@ -7,6 +7,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable
+from concurrent.futures import CancelledError
 from typing import Generic, TypeVar
 
 _Item = TypeVar("_Item")
@@ -20,14 +21,15 @@ class Worker(Generic[_Item]):
     Parameters
     ----------
     process : callable
-        Processes one frame.
+        Processes one frame; raises `CancelledError` where it has to give it up, and that counts as dropped.
     failed : callable
         Called with the exception that a frame raised, whatever it is; the worker continues with the next frame.
 
     Attributes
     ----------
     processed, dropped, failed : int
-        Number of frames that were processed, that a newer one replaced, and that raised an exception.
+        Number of frames that were processed, that a newer one replaced or that were given up, and that raised an
+        exception or were refused.
     error : str
         Why the last frame failed; empty where it did not.
     """
@@ -53,6 +55,12 @@ class Worker(Generic[_Item]):
             self.dropped += len(self._slot)
             self._slot[:] = [frame]
             self._changed.notify()
+
+    def refuse(self, err: Exception) -> None:
+        """Count and report a frame that is too damaged to be put."""
+        self.failed += 1
+        self.error = str(err) or type(err).__name__
+        self._report(err)
 
     def close(self) -> None:
         """End the thread after the frame at hand; may be called twice."""
@@ -89,10 +97,10 @@ class Worker(Generic[_Item]):
             start = time.monotonic()
             try:
                 self._process(frame)
+            except CancelledError:
+                self.dropped += 1
             except Exception as err:  # the worker outlives every frame
-                self.failed += 1
-                self.error = str(err) or type(err).__name__
-                self._report(err)
+                self.refuse(err)
             else:
                 self._durations_s.append(time.monotonic() - start)
                 self._finished_s.append(time.monotonic())

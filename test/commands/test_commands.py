@@ -5,11 +5,13 @@ from __future__ import annotations
 import argparse
 import importlib.metadata
 import json
+import re
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+from recorded import WIDTH, frames, write_dataset
 
 from lrtrav_ros.commands import COMMANDS, detect, evaluate, generate, run, run_lrtrav
 from lrtrav_ros.commands.options import add_detection_options, config_from, settings_from
@@ -171,26 +173,101 @@ def test_bad_settings(setting: str, message: str) -> None:
         config_from(parsed("--set", setting))
 
 
+TINY = ("--frames", "1", "--rounds", "1", "--threads", "1", "--set", "stereo.matcher=sgbm")
+
+
 def test_benchmark_prints_every_stage_and_writes_json(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = tmp_path / "figures.json"
-    arguments = ["--size", "160x120", "--frames", "1", "--rounds", "2", "--set", "stereo.matcher=sgbm"]
-    assert run("benchmark", [*arguments, "--json", str(file)]) == 0
-    figures = json.loads(file.read_text())
-    stages = ["matching", "ground", "superpixels", "features", "clustering", "extension"]
-    assert list(figures["median_ms"]) == stages
-    assert [name for name in stages if not figures["median_ms"][name]] == ["clustering"]  # propagation needs none
-    assert figures["after_matching_ms"] == pytest.approx(
-        sum(figures["median_ms"][name] for name in stages[1:]), rel=0.5
-    )
+    assert run("benchmark", ["--sizes", "160x120", *TINY, "--json", str(file)]) == 0
+    (workload,) = json.loads(file.read_text())["workloads"]
+    assert (workload["width"], workload["height"], workload["n_disparities"]) == (160, 120, 16)
+    names = {times["name"] for times in workload["times"]}
+    stages = {"matching", "ground", "superpixels", "features", "clustering", "extension"}
+    expected = {*stages, "whole frame", "after matching", "matching, sgbm", "OpenCV StereoSGBM", "OpenCV StereoBM"}
+    assert expected <= names
     printed = capsys.readouterr().out
-    assert all(name in printed for name in (*stages, "StereoSGBM", "frames/s"))
+    assert all(name in printed for name in (*expected, "frames/s", "memory: at most"))
 
 
-@pytest.mark.parametrize("option", ["--frames", "--rounds"])
+def test_benchmark_of_several_sizes_and_numbers_of_superpixels_draws_how_time_grows(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    json_file, chart = tmp_path / "figures.json", tmp_path / "new" / "chart.svg"
+    sweep = ["--sizes", "96x64,128x96", "--superpixels", "30,60,30"]
+    assert run("benchmark", [*sweep, *TINY, "--json", str(json_file), "--chart", str(chart)]) == 0
+    workloads = json.loads(json_file.read_text())["workloads"]
+    assert [(item["width"], item["n_superpixels"]) for item in workloads] == [(96, 30), (96, 60), (128, 30)]
+    assert chart.read_text().startswith("<svg ")
+    assert set(tmp_path.iterdir()) == {json_file, chart.parent}
+    rows = [line.split()[:4] for line in capsys.readouterr().out.splitlines() if re.match(r"\d+ x \d+ +\d+ ", line)]
+    assert rows == [["96", "x", "64", "30"], ["96", "x", "64", "60"], ["128", "x", "96", "30"]]
+
+
+def test_benchmark_takes_frames_and_settings_that_are_given(tmp_path: Path) -> None:
+    folder, file = write_dataset(tmp_path / "set", frames("disparity", n=2)), tmp_path / "figures.json"
+    settings = ["--set", "threads=3", "--set", "stereo.n_disparities=40", "--set", "superpixels.n_superpixels=50"]
+    arguments = ["--input", str(folder), "--rounds", "1", *settings, "--json", str(file)]
+    assert run("benchmark", arguments) == 0
+    (workload,) = json.loads(file.read_text())["workloads"]
+    assert (workload["width"], workload["n_frames"], workload["n_disparities"]) == (WIDTH, 2, 40)
+    whole = [times["n_threads"] for times in workload["times"] if times["name"] == "whole frame"]
+    assert whole == [3]
+
+
+@pytest.mark.parametrize("option", ["--frames", "--rounds", "--threads", "--superpixels", "--seconds"])
 def test_benchmark_of_nothing_is_refused(option: str, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit, match="2"):
         run("benchmark", [option, "0"])
     assert f"{option}: '0' is not a whole number of at least 1" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--threads", "2", "--set", "threads=1"], "--threads and the parameter threads are both given"),
+        (
+            ["--superpixels", "20,40", "--set", "superpixels.n_superpixels=30"],
+            "--superpixels and the parameter superpixels.n_superpixels are both given",
+        ),
+        (["--input", "x", "--sizes", "96x64"], "--sizes is for synthetic images"),
+        (["--chart", "x.png", "--sizes", "96x64,128x96"], "--chart x.png: give a name that ends in .svg"),
+        (["--chart", "x.svg"], "give several --sizes or --superpixels"),
+        (["--sizes", "20x20"], "--sizes: width is 20"),
+        (["--superpixels", "1000000"], "superpixels.n_superpixels is 1000000"),
+    ],
+)
+def test_benchmark_used_wrongly_ends_with_2_and_one_line(
+    arguments: list[str], message: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run("benchmark", ["--frames", "1", *arguments]) == 2
+    printed = capsys.readouterr()
+    assert message in printed.err
+    assert (printed.out, printed.err.count("\n")) == ("", 1)
+
+
+def test_benchmark_of_nodes_needs_ros(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delitem(sys.modules, "lrtrav_ros.nodes.measurement", raising=False)
+    monkeypatch.setitem(sys.modules, "rclpy", None)
+    assert run("benchmark", ["--ros"]) == 1
+    printed = capsys.readouterr()
+    assert printed.err.startswith("benchmark: --ros: ")
+    assert "source the setup.bash of ROS 2" in printed.err
+    assert (printed.out, printed.err.count("\n")) == ("", 1)
+
+
+@pytest.mark.filterwarnings("ignore::DeprecationWarning")  # of the parser that rclpy imports with the first message
+def test_benchmark_measures_running_nodes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    pytest.importorskip("rclpy")
+    file = tmp_path / "figures.json"
+    arguments = ["--sizes", "160x120", "--frames", "2", "--superpixels", "60", "--seconds", "1"]
+    assert run("benchmark", ["--ros", "10", *arguments, "--json", str(file)]) == 0
+    figures = json.loads(file.read_text())
+    assert figures["workloads"] == []
+    stereo, disparity = figures["nodes"]
+    assert [run["measured"]["source"] for run in (stereo, disparity)] == ["stereo", "disparity"]
+    assert (stereo["width"], stereo["n_superpixels"], stereo["threads"], stereo["seconds"]) == (160, 60, 0, 1)
+    rows = [line.split()[:5] for line in capsys.readouterr().out.splitlines() if line.startswith("160 x 120")]
+    assert rows == [["160", "x", "120", "all", source] for source in ("stereo", "disparity")]
 
 
 def test_demo_shows_all_of_it(tmp_path: Path) -> None:

@@ -314,7 +314,6 @@ def test_debug_topics_cost_nothing_when_nobody_subscribes(graph, monkeypatch):
     calls = []
     monkeypatch.setattr("lrtrav_ros.nodes.long_range_node.overlay", lambda *arguments: calls.append(arguments))
     monkeypatch.setattr("lrtrav_ros.nodes.messages.as_uint16", calls.append)
-    monkeypatch.setattr("lrtrav_ros.nodes.endpoints.array_to_image", lambda *arguments: calls.append(arguments))
     monkeypatch.setattr("lrtrav_ros.detector.spectral_clusters", lambda *arguments: calls.append(arguments))
     stamp = next(STAMPS)
     publish(graph, *stereo_pair(), stamp)

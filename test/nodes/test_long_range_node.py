@@ -129,15 +129,15 @@ def test_the_service_makes_it_forget(graph):
 
 def test_a_frame_at_hand_ends_as_it_began_and_the_one_after_a_reset_remembers_nothing(graph, monkeypatch):
     entered, gate = threading.Event(), threading.Event()
-    detect = LongRangeDetector.detect
+    extend = LongRangeDetector.extend
 
     def gated(self, *args, **options):
         entered.set()
         assert gate.wait(10)
-        return detect(self, *args, **options)
+        return extend(self, *args, **options)
 
     stamp = start(graph)
-    monkeypatch.setattr(LongRangeDetector, "detect", gated)
+    monkeypatch.setattr(LongRangeDetector, "extend", gated)
     left, occupancy = FAR
     graph.publish("left/image_rect", image(left, stamp))
     graph.publish("short_range/occupancy", image(occupancy, stamp))

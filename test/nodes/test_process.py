@@ -103,14 +103,27 @@ def test_help_does_not_import_ros(name):
     assert result.stdout.endswith("set()\n")
 
 
+@pytest.mark.parametrize(
+    ("profile", "segment"),
+    [(shared_memory.IMAGES_PROFILE, 64 * 2**20), (shared_memory.DETECTOR_PROFILE, 16 * 2**20)],
+)
+def test_profiles_take_the_place_of_each_other(monkeypatch, profile, segment):
+    monkeypatch.setattr(shared_memory, "_has_room", lambda: True)
+    other = shared_memory.profile_file("fastdds.xml")
+    monkeypatch.setenv("FASTRTPS_DEFAULT_PROFILES_FILE", str(other))
+    shared_memory.use_segment(profile)
+    file = Path(os.environ["FASTRTPS_DEFAULT_PROFILES_FILE"])
+    assert f"<segment_size>{segment}</segment_size>" in file.read_text()
+
+
 def test_profile_is_used_unless_the_user_has_one(monkeypatch):
     monkeypatch.setattr(shared_memory, "_has_room", lambda: True)
     for name in shared_memory._VARIABLES:
         monkeypatch.delenv(name, raising=False)
-    shared_memory.use_large_segment()
+    shared_memory.use_segment(shared_memory.IMAGES_PROFILE)
     assert Path(os.environ["FASTRTPS_DEFAULT_PROFILES_FILE"]) == ROOT / "config" / "fastdds.xml"
     monkeypatch.setenv("FASTRTPS_DEFAULT_PROFILES_FILE", "mine.xml")
-    shared_memory.use_large_segment()
+    shared_memory.use_segment(shared_memory.IMAGES_PROFILE)
     assert os.environ["FASTRTPS_DEFAULT_PROFILES_FILE"] == "mine.xml"
 
 
@@ -118,5 +131,5 @@ def test_small_shared_memory_keeps_the_stock_segment(monkeypatch):
     monkeypatch.setattr(shared_memory, "_has_room", lambda: False)
     for name in shared_memory._VARIABLES:
         monkeypatch.delenv(name, raising=False)
-    shared_memory.use_large_segment()
+    shared_memory.use_segment(shared_memory.IMAGES_PROFILE)
     assert not set(shared_memory._VARIABLES) & set(os.environ)

@@ -1,6 +1,7 @@
 """The worker: the newest frame wins, every failure is counted, and none ends it."""
 
 import threading
+from concurrent.futures import CancelledError
 
 import pytest
 
@@ -72,6 +73,26 @@ def test_a_failed_frame_is_reported_and_the_next_one_processed(job, error, text)
     job.worker.close()
     assert job.done == [1]
     assert (job.worker.processed, job.worker.failed, job.worker.error) == (1, 1, "")
+
+
+def test_a_frame_that_is_given_up_is_dropped_without_a_report(job):
+    job.gate.release()
+    job.gate.release()
+    job.worker.put(CancelledError())
+    assert job.entered.acquire(timeout=DEADLINE_S)
+    job.worker.put(1)
+    assert job.finished.acquire(timeout=DEADLINE_S)
+    job.worker.close()
+    assert job.done == [1]
+    assert job.reported == []
+    assert (job.worker.processed, job.worker.dropped, job.worker.failed, job.worker.error) == (1, 1, 0, "")
+
+
+def test_a_frame_that_is_refused_counts_as_failed(job):
+    error = ValueError("damaged")
+    job.worker.refuse(error)
+    assert job.reported == [error]
+    assert (job.worker.failed, job.worker.error) == (1, "damaged")
 
 
 def test_close_ends_the_thread_with_frames_waiting_and_twice(job):
