@@ -18,8 +18,9 @@ from lrtrav_ros.camera import StereoCamera
 from lrtrav_ros.config import Config, GroundConfig
 from lrtrav_ros.frame import Frame, Image, as_8bit
 from lrtrav_ros.method.clustering import spectral_clusters, spread_clusters
+from lrtrav_ros.method.comparison import feature_distances
 from lrtrav_ros.method.extension import extend
-from lrtrav_ros.method.features import Features, feature_distances, superpixel_features
+from lrtrav_ros.method.features import Features, superpixel_features
 from lrtrav_ros.method.ground import ShortRange, detect_ground, traversable_mask
 from lrtrav_ros.method.matching import Matcher, create_matcher
 from lrtrav_ros.method.memory import Memory

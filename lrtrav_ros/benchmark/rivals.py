@@ -17,7 +17,8 @@ from lrtrav_ros.benchmark.timing import Contender
 from lrtrav_ros.benchmark.workload import Workload
 from lrtrav_ros.frame import pair_as_8bit, to_grey
 from lrtrav_ros.method.clustering import affinity, spectral_clusters
-from lrtrav_ros.method.features import feature_distances, superpixel_features
+from lrtrav_ros.method.comparison import feature_distances
+from lrtrav_ros.method.features import superpixel_features
 from lrtrav_ros.method.matching import create_matcher
 from lrtrav_ros.method.superpixels import preemptive_slic
 

@@ -25,8 +25,8 @@ from lrtrav_ros.io import pictures
 from lrtrav_ros.io.atomic_files import write_bytes
 from lrtrav_ros.io.image_files import encode_file, scaled_disparity
 from lrtrav_ros.io.parameter_file import dump_parameters
-from lrtrav_ros.method.features import weber_descriptor
 from lrtrav_ros.method.ground import NO_GROUND
+from lrtrav_ros.method.textures import weber_descriptor
 
 _RULE_WITH_CONFIDENCE = "propagation"
 _NO_CONFIDENCE = f"cannot save 'confidence': only the rule {_RULE_WITH_CONFIDENCE} finds it; set extension.rule to that"

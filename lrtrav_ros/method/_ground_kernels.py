@@ -138,7 +138,7 @@ def _sum_up(histogram: NDArray[np.int32], d: int, first: int, sums: NDArray[np.i
     """
     height = histogram.shape[0]
     low, high, total = height - first, 0, np.int32(0)
-    for r in range(max(-first, 0), max(height - first, 0) + _RUN):
+    for r in range(max(-first, 0), max(height - first, 0) + _RUN + 1):
         sums[r % HORIZON_STEP, r // HORIZON_STEP] = total
         if first + r < height and histogram[first + r, d] > 0:
             total += histogram[first + r, d]

@@ -18,7 +18,8 @@ from scipy.linalg import eigh
 from scipy.spatial.distance import cdist
 
 from lrtrav_ros.config import ClusteringConfig, FeaturesConfig
-from lrtrav_ros.method.features import Features, compare
+from lrtrav_ros.method.comparison import compare
+from lrtrav_ros.method.features import Features
 from lrtrav_ros.numerics.blas import one_blas_thread
 from lrtrav_ros.numerics.checks import check_array, check_distances, check_finite
 

@@ -23,8 +23,9 @@ from numpy.typing import NDArray
 
 from lrtrav_ros.config import FeaturesConfig
 from lrtrav_ros.method import _propagation_kernels as kernels
+from lrtrav_ros.method.comparison import Comparison, compare
 from lrtrav_ros.method.extension import Layout, count_evidence, superpixel_layout
-from lrtrav_ros.method.features import Comparison, Features, compare
+from lrtrav_ros.method.features import Features
 from lrtrav_ros.method.ground import GROUND, OBSTACLE, UNKNOWN
 from lrtrav_ros.numerics.checks import check_array, check_finite
 from lrtrav_ros.numerics.thread_team import ALONE, ThreadTeam

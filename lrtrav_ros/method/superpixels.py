@@ -179,7 +179,8 @@ def _cluster(lab: NDArray[np.uint8], grid: _Grid, config: SuperpixelsConfig, tea
     bands = _bands(grid.height, team)
     centres = grid.centres(lab)
     n_rows, n_cols = centres.shape[:2]
-    moved: NDArray[np.bool_] = np.ones((n_rows, n_cols), np.bool_)
+    moved: NDArray[np.bool_] = np.zeros((n_rows, n_cols), np.bool_)
+    moved[1:-1, 1:-1] = True  # not those around the grid: no pixel is ever nearest to them
     changes = np.empty((len(bands), n_rows, n_cols), np.int32)
     sums = np.zeros((len(bands), n_rows * n_cols, 6), np.int64)
     labels = np.empty(lab.shape[1:], np.uint16)

@@ -1,1 +1,1 @@
-"""Numerical foundations: how kernels are compiled, checks of their arguments, and reproducible BLAS."""
+"""Numerical foundations: how kernels are compiled, checks of their arguments, threads, and reproducible BLAS."""

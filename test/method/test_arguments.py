@@ -16,9 +16,20 @@ import pytest
 from numpy.typing import NDArray
 
 from lrtrav_ros.camera import StereoCamera
-from lrtrav_ros.config import ElasConfig, ExtensionConfig, FeaturesConfig, StereoConfig
+from lrtrav_ros.config import ElasConfig, ExtensionConfig, StereoConfig
 from lrtrav_ros.frame import to_grey
-from lrtrav_ros.method import clustering, extension, features, ground, matching, memory, propagation, superpixels
+from lrtrav_ros.method import (
+    clustering,
+    comparison,
+    extension,
+    features,
+    ground,
+    matching,
+    memory,
+    propagation,
+    superpixels,
+    textures,
+)
 from lrtrav_ros.method.matching.elas import Elas
 
 Array = NDArray[Any]
@@ -95,7 +106,7 @@ def propagate_over(
 
 
 GREY = {
-    name: Case(getattr(features, name), lambda h, w: (grey(h, w),))
+    name: Case(getattr(textures, name), lambda h, w: (grey(h, w),))
     for name in (
         "weber_descriptor",
         "local_binary_pattern",
@@ -124,17 +135,14 @@ DISPARITY = {
     ),
 }
 IMAGE_AND_LABELS = {
-    "superpixel_distances": Case(
-        features.superpixel_distances, lambda h, w: (bgr(h, w), labels(h, w)), other_dims=(2,)
-    ),
-    "superpixel_distances of grey": Case(
-        features.superpixel_distances, lambda h, w: (grey(h, w), labels(h, w)), other_dims=(3,)
-    ),
     "colour_histograms": Case(features.colour_histograms, lambda h, w: (bgr(h, w), labels(h, w)), other_dims=(2,)),
     "colour_histograms of grey": Case(
         features.colour_histograms, lambda h, w: (grey(h, w), labels(h, w)), other_dims=(3,)
     ),
     "superpixel_features": Case(features.superpixel_features, lambda h, w: (bgr(h, w), labels(h, w)), other_dims=(2,)),
+    "superpixel_features of grey": Case(
+        features.superpixel_features, lambda h, w: (grey(h, w), labels(h, w)), other_dims=(3,)
+    ),
     "log_chromaticity": Case(features.log_chromaticity, lambda h, w: (bgr(h, w), labels(h, w)), other_dims=(2,)),
     "log_chromaticity of grey": Case(
         features.log_chromaticity, lambda h, w: (grey(h, w), labels(h, w)), other_dims=(3,)
@@ -143,7 +151,7 @@ IMAGE_AND_LABELS = {
     f"texture_histograms {name}": Case(
         partial(features.texture_histograms, texture=name), lambda h, w: (bgr(h, w), labels(h, w)), other_dims=(2,)
     )
-    for name in features.TEXTURES
+    for name in textures.TEXTURES
 }
 REGIONS = {
     "connected_regions": Case(extension.connected_regions, lambda h, w: (labels(h, w), clusters(w))),
@@ -173,22 +181,24 @@ FLOATS = {
     "spectral_clusters": Case(clustering.spectral_clusters, lambda h, w: (distances(h, w),), may_be_empty=True),
     "affinity": Case(clustering.affinity, lambda h, w: (distances(h, w),), may_be_empty=True),
     "automatic_k": Case(clustering.automatic_k, lambda h, w: (np.linspace(1, 0, w) ** 2,), other_types="f"),
-    "weighted_sum": Case(features.weighted_sum, lambda h, w: (distances(h, w), distances(h, w) / 2), may_be_empty=True),
+    "weighted_sum": Case(
+        comparison.weighted_sum, lambda h, w: (distances(h, w), distances(h, w) / 2), may_be_empty=True
+    ),
     "feature_distances": Case(
-        lambda colour, texture: features.feature_distances(features.Features(colour, texture, np.zeros((0, 2)))),
+        lambda colour, texture: comparison.feature_distances(features.Features(colour, texture, np.zeros((0, 2)))),
         lambda h, w: (histograms(h, w), histograms(h, w)[::-1]),
         other_types="d",
     ),
     "compare": Case(
-        lambda *looks: features.compare(features.Features(*looks, np.zeros((0, 2)))).with_landmarks(),
+        lambda *looks: comparison.compare(features.Features(*looks, np.zeros((0, 2)))).with_landmarks(),
         lambda h, w: (histograms(h, w), histograms(h, w)[::-1]),
         other_types="d",
     ),
 } | {
     f"histogram_distances {name}": Case(
-        partial(features.histogram_distances, distance=name), lambda h, w: (histograms(h, w),), other_types="d"
+        partial(comparison.histogram_distances, distance=name), lambda h, w: (histograms(h, w),), other_types="d"
     )
-    for name in features.DISTANCES
+    for name in comparison.DISTANCES
 }
 CASES = {
     **GREY,
@@ -242,7 +252,7 @@ def test_table_is_complete() -> None:
     tested = {name.split()[0] for name in CASES} | {*matching.MATCHERS}
     public = {
         name
-        for module in (ground, superpixels, features, clustering, extension, propagation, memory)
+        for module in (ground, superpixels, textures, features, comparison, clustering, extension, propagation, memory)
         for name, value in vars(module).items()
         if not name.startswith("_") and callable(value) and getattr(value, "__module__", "") == module.__name__
     }
@@ -445,9 +455,3 @@ def test_a_bright_right_image_is_not_clipped() -> None:
         matching.create_matcher(StereoConfig(matcher="bm"), ElasConfig()),
     ):
         np.testing.assert_array_equal(matcher.compute(left, right), matcher.compute(*same))
-
-
-def test_cues_share_their_checks() -> None:
-    for cues in features.CUES:
-        with pytest.raises(ValueError, match=r"superpixels is int32 \(12, 18\); give int32 \(12, 20\)"):
-            features.superpixel_distances(bgr(12, 20), labels(12, 18), FeaturesConfig(cues=cues))

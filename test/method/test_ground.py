@@ -250,6 +250,15 @@ def test_the_line_is_the_one_with_most_votes(height: int, cy: float, max_pitch_d
     assert find_ground_line(histogram, camera, config) == line_by_votes(histogram, camera, config)
 
 
+@pytest.mark.parametrize("seed", [10, 11])
+def test_rows_far_below_the_horizon_vote_in_runs(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    histogram = np.zeros((2400, 200), np.int32)
+    histogram[-1, 130:] = np.where(rng.random(70) < 0.3, rng.integers(0, 50, 70), 0)
+    camera, config = StereoCamera(fx=150.0, cx=100.0, cy=0.0, baseline_m=0.3), GroundConfig(max_pitch_deg=20.0)
+    assert find_ground_line(histogram, camera, config) == line_by_votes(histogram, camera, config)
+
+
 def line_by_votes(histogram: NDArray[np.int32], camera: StereoCamera, config: GroundConfig) -> GroundLine | None:
     """Return the line that most cells of a v-disparity vote for, each for all horizons, one after the other."""
     reach = math.tan(math.radians(config.max_pitch_deg)) * camera.fy

@@ -7,7 +7,7 @@ from collections.abc import Collection
 import pytest
 
 from lrtrav_ros.config import find_parameter
-from lrtrav_ros.method import clustering, extension, features, ground, matching
+from lrtrav_ros.method import clustering, comparison, extension, ground, matching, textures
 
 
 @pytest.mark.parametrize(
@@ -15,9 +15,9 @@ from lrtrav_ros.method import clustering, extension, features, ground, matching
     [
         ("stereo.matcher", matching.MATCHERS),
         ("ground.shape", ground.SHAPES),
-        ("features.cues", features.CUES),
-        ("features.texture", features.TEXTURES),
-        ("features.distance", features.DISTANCES),
+        ("features.cues", comparison.CUES),
+        ("features.texture", textures.TEXTURES),
+        ("features.distance", comparison.DISTANCES),
         ("clustering.centres", clustering.CENTRES),
         ("extension.rule", (*extension.RULES, "propagation")),  # the last takes no clusters: `propagation`
     ],

@@ -32,8 +32,8 @@ def imports(path: Path) -> set[str]:
 
 def test_there_are_kernels() -> None:
     found = {path.stem for path in KERNELS}
-    names = ("delaunay", "elas", "extension", "features", "ground", "propagation", "raycasting", "refinement")
-    assert found == {f"_{name}_kernels" for name in (*names, "superpixels")}
+    names = ("comparison", "delaunay", "elas", "extension", "features", "ground", "propagation", "raycasting")
+    assert found == {f"_{name}_kernels" for name in (*names, "refinement", "superpixels", "textures")}
 
 
 @pytest.mark.parametrize("path", KERNELS, ids=lambda path: path.stem)

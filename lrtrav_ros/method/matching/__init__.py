@@ -15,7 +15,7 @@ __all__ = ["MATCHERS", "Matcher", "create_matcher"]
 
 
 class Matcher(Protocol):
-    """The interface of every matcher."""
+    """The interface of every matcher; several threads may share one."""
 
     def compute(self, left: NDArray[np.generic], right: NDArray[np.generic]) -> NDArray[np.float32]:
         """Return the disparity of the left image.
@@ -55,7 +55,7 @@ def create_matcher(stereo: StereoConfig, elas: ElasConfig, *, team: ThreadTeam =
 
 def _create_elas(stereo: StereoConfig, elas: ElasConfig, team: ThreadTeam) -> Matcher:
     """Return the paper's matcher."""
-    from lrtrav_ros.method.matching.elas import Elas  # loads numba and SciPy: only where they are needed
+    from lrtrav_ros.method.matching.elas import Elas  # loads numba: only where it is needed
 
     return Elas(stereo, elas, team=team)
 

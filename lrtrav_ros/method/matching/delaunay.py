@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lrtrav_ros.method.matching import _delaunay_kernels as kernels
-from lrtrav_ros.numerics.checks import check_array
+from lrtrav_ros.numerics.checks import check_array, check_finite
 
 
 def delaunay(points: NDArray[np.float64]) -> NDArray[np.int32]:
@@ -24,8 +24,8 @@ def delaunay(points: NDArray[np.float64]) -> NDArray[np.int32]:
 
     Raises
     ------
-    ValueError
-        If `points` has another type or shape.
+    TypeError, ValueError
+        If `points` is not such an array.
 
     Notes
     -----
@@ -42,7 +42,8 @@ def delaunay(points: NDArray[np.float64]) -> NDArray[np.int32]:
     >>> delaunay(np.array([[0.0, 0.0], [4.0, 0.0], [0.0, 3.0]])).tolist()
     [[0, 1, 2]]
     """
-    check_array("points", points, np.float64, ("N", 2), may_be_empty=True)
+    check_array("points", points, np.float64, ("n", 2), may_be_empty=True)
+    check_finite("points", points)
     points = np.ascontiguousarray(points)
     if len(points) < 3:
         return np.empty((0, 3), np.int32)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
@@ -48,6 +49,7 @@ class OpenCVMatcher:
         self._range = -(-stereo.n_disparities // (16 * step)) * 16
         self._block_size = max((stereo.block_size or kind.default_block_size) | 1, kind.least_block_size)
         self._matcher = kind.create(self._range, self._block_size, _SPECKLE_SIZE_PX // step**2)
+        self._in_use = threading.Lock()
 
     def compute(self, left: NDArray[np.generic], right: NDArray[np.generic]) -> NDArray[np.float32]:
         """Return the disparity of the left image; takes, returns and raises what `Matcher.compute` does.
@@ -67,8 +69,9 @@ class OpenCVMatcher:
         edge = self._block_size  # room for a whole window at every pixel, however small the image is
         padding = (edge, edge, edge + self._range, edge)
         padded = [cv2.copyMakeBorder(image, *padding, cv2.BORDER_REPLICATE) for image in (left, right)]
-        raw = self._matcher.compute(*padded)[edge : edge + height, -edge - width : -edge]
-        disparity = raw.astype(np.float32) / _SCALE
+        with self._in_use:  # OpenCV's matchers have buffers, which two threads must not write to at a time
+            raw = self._matcher.compute(*padded)
+        disparity = raw[edge : edge + height, -edge - width : -edge].astype(np.float32) / _SCALE
         disparity[disparity > np.arange(width)] = 0  # found in the extension, not in the right image
         return disparity
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -33,6 +35,17 @@ def test_known_disparity(name: str, half: bool, pair: tuple[NDArray[np.uint8], .
     inside = disparity[8:-8, 24:-8]
     assert np.mean(inside > 0) > 0.95
     assert np.abs(inside[inside > 0] - DISPARITY).max() < 0.5
+
+
+@pytest.mark.parametrize("name", MATCHERS)
+def test_threads_may_share_a_matcher(name: str) -> None:
+    texture = np.random.default_rng(0).integers(0, 256, (400, 240), dtype=np.uint8)
+    pairs = [(texture[:, :200], texture[:, shift : 200 + shift]) for shift in range(1, 25, 2)]
+    shared = matcher(name)
+    expected = [shared.compute(*pair) for pair in pairs]
+    with ThreadPoolExecutor(4) as pool:
+        found = list(pool.map(lambda pair: shared.compute(*pair), pairs * 2))
+    np.testing.assert_array_equal(found, expected * 2)
 
 
 def test_left_margin_is_matched(pair: tuple[NDArray[np.uint8], ...]) -> None:
