@@ -20,7 +20,7 @@ from lrtrav_ros.frame import Frame, Image, as_8bit
 from lrtrav_ros.method.clustering import spectral_clusters, spread_clusters
 from lrtrav_ros.method.comparison import feature_distances
 from lrtrav_ros.method.extension import extend
-from lrtrav_ros.method.features import Features, superpixel_features
+from lrtrav_ros.method.features import Features, pixel_bins, superpixel_features
 from lrtrav_ros.method.ground import ShortRange, detect_ground, traversable_mask
 from lrtrav_ros.method.matching import Matcher, create_matcher
 from lrtrav_ros.method.memory import Memory
@@ -327,11 +327,14 @@ class LongRangeDetector:
             If the image is not such an array.
         """
         run, config, image = run or StageRunner(), self.config, as_8bit(image)
-        superpixels = run(Stage.SUPERPIXELS, preemptive_slic, image, config.superpixels, team=self._team)
-        features = run(Stage.FEATURES, superpixel_features, image, superpixels, config.features, team=self._team)
-        graph = None
+        team, graph = self._team, None
+        with team.start(run, Stage.FEATURES, pixel_bins, image, config.features, team=team) as bins:
+            superpixels = run(Stage.SUPERPIXELS, preemptive_slic, image, config.superpixels, team=team)
+            features = run(
+                Stage.FEATURES, superpixel_features, image, superpixels, config.features, bins=bins.result(), team=team
+            )
         if config.extension.rule == "propagation":
-            graph = run(Stage.FEATURES, superpixel_graph, superpixels, features, config.features, team=self._team)
+            graph = run(Stage.FEATURES, superpixel_graph, superpixels, features, config.features, team=team)
         return Appearance(superpixels, features, graph)
 
     def extend(

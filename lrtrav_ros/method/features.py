@@ -8,6 +8,7 @@ References
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -28,6 +29,7 @@ HSV_BINS = (kernels.HUES, kernels.SATURATIONS, kernels.VALUES)
 MAX_LANDMARKS = 640
 """Superpixels that all are compared with, at most: time and memory grow with n times this, not with n squared."""
 
+_N_COLOURS = math.prod(HSV_BINS)
 _DARK = 4.0  # grey levels: in the dark, the ratios of colours are noise
 
 
@@ -72,11 +74,54 @@ def joined(parts: Sequence[Features]) -> Features:
     )
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class PixelBins:
+    """The bins of the histograms of colour and texture that each pixel of an image counts in.
+
+    Parameters
+    ----------
+    colour : (H, W) ndarray of uint16
+        Bin of the HSV histogram.
+    textures : tuple of (H, W) ndarray of uint8
+        Bin in each of the texture descriptor's histograms.
+    n_texture_bins : int
+        Bins of each of those.
+    """
+
+    colour: NDArray[np.uint16]
+    textures: tuple[NDArray[np.uint8], ...]
+    n_texture_bins: int
+
+
+def pixel_bins(
+    image: NDArray[np.uint8], config: FeaturesConfig | None = None, *, team: ThreadTeam = ALONE
+) -> PixelBins:
+    """Return the part of `superpixel_features` that needs no superpixels, which can be done beside finding them.
+
+    Parameters
+    ----------
+    image, config, team
+        As `superpixel_features` takes them.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If the image is not as there.
+    """
+    check_image("image", image)
+    image = np.ascontiguousarray(image)
+    texture = TEXTURES[(config or FeaturesConfig()).texture]
+    with team.start(lambda: texture.describe(to_grey(image))) as described:
+        colour, patterns = _colour_bins(image), described.result()
+        return PixelBins(colour, patterns, texture.n_bins // len(patterns))
+
+
 def superpixel_features(
     image: NDArray[np.uint8],
     superpixels: NDArray[np.int32],
     config: FeaturesConfig | None = None,
     *,
+    bins: PixelBins | None = None,
     team: ThreadTeam = ALONE,
 ) -> Features:
     """Return what each superpixel looks like.
@@ -89,30 +134,36 @@ def superpixel_features(
         Labels 0 .. n - 1.
     config : FeaturesConfig, optional
         `texture` is used; the default is the best of [1].
+    bins : PixelBins, optional
+        What `pixel_bins` gives for the image, where that has been done already; `config` is of no use then.
     team : ThreadTeam, optional
         The threads that share the work; the result does not depend on it.
 
     Raises
     ------
     TypeError, ValueError
-        If an image is not as above, or the two differ in size.
+        If an image is not as above, the two differ in size, or `bins` are not of such an image.
     """
-    config = config or FeaturesConfig()
     n = _count_superpixels(image, superpixels)
     image, superpixels = np.ascontiguousarray(image), np.ascontiguousarray(superpixels)
-    texture = TEXTURES[config.texture]
-    with (
-        team.start(_log_chromaticity, image, superpixels, n) as chromaticity,
-        team.start(lambda: texture.describe(to_grey(image))) as described,
-    ):
-        bins = _colour_bins(image)
-        patterns = described.result()
-        colours = np.zeros((n, int(np.prod(HSV_BINS))), np.uint32)
-        textures = np.zeros((len(patterns), n, texture.n_bins // len(patterns)), np.uint32)
-        kernels.count_both(bins, patterns[0], superpixels, colours, textures[0])
-        for pattern, counts in zip(patterns[1:], textures[1:], strict=True):
-            kernels.count_bins(pattern, superpixels, counts)
+    bins = bins or pixel_bins(image, config, team=team)
+    _check_bins(bins, image.shape[:2])
+    with team.start(_log_chromaticity, image, superpixels, n) as chromaticity:
+        colours = np.zeros((n, _N_COLOURS), np.uint32)
+        textures = np.zeros((len(bins.textures), n, bins.n_texture_bins), np.uint32)
+        kernels.count_both(bins.colour, bins.textures[0], superpixels, colours, textures[0])
+        for texture, counts in zip(bins.textures[1:], textures[1:], strict=True):
+            kernels.count_bins(texture, superpixels, counts)
         return Features(_with_unit_sum(colours), _joined_textures(textures), chromaticity.result())
+
+
+def _check_bins(bins: PixelBins, shape: tuple[int, ...]) -> None:
+    """Check the bins of an image of some size."""
+    check_array("bins.colour", bins.colour, np.uint16, shape)
+    check_labels("bins.colour", bins.colour, _N_COLOURS)
+    for texture in bins.textures:
+        check_array("bins.textures", texture, np.uint8, shape)
+        check_labels("bins.textures", texture, bins.n_texture_bins)
 
 
 def colour_histograms(image: NDArray[np.uint8], superpixels: NDArray[np.int32]) -> NDArray[np.float32]:
@@ -136,7 +187,7 @@ def colour_histograms(image: NDArray[np.uint8], superpixels: NDArray[np.int32]) 
         If an image is not as above, or the two differ in size.
     """
     n = _count_superpixels(image, superpixels)
-    counts = np.zeros((n, int(np.prod(HSV_BINS))), np.uint32)
+    counts = np.zeros((n, _N_COLOURS), np.uint32)
     kernels.count_bins(_colour_bins(np.ascontiguousarray(image)), np.ascontiguousarray(superpixels), counts)
     return _with_unit_sum(counts)
 

@@ -17,7 +17,7 @@ _P = ParamSpec("_P")
 _R = TypeVar("_R")
 _T = TypeVar("_T")
 
-_BANDS_PER_THREAD = 4  # rows differ in their work
+_BANDS_PER_THREAD = 2  # rows differ in their work
 
 
 class ThreadTeam:

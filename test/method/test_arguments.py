@@ -209,6 +209,7 @@ CASES = {
     **SUPERPIXELS,
     **FLOATS,
     "to_grey": Case(to_grey, lambda h, w: (bgr(h, w),), other_dims=(2,)),
+    "pixel_bins": Case(features.pixel_bins, lambda h, w: (bgr(h, w),), other_dims=(2,)),
     "preemptive_slic": Case(superpixels.preemptive_slic, lambda h, w: (bgr(h, w),), other_dims=(2,)),
     "spread_clusters": Case(
         lambda of_landmarks: (
@@ -257,7 +258,7 @@ def test_table_is_complete() -> None:
         if not name.startswith("_") and callable(value) and getattr(value, "__module__", "") == module.__name__
     }
     classes = {
-        *("GroundLine", "ShortRange", "Texture", "Features", "Comparison", "Layout", "Memory"),
+        *("GroundLine", "ShortRange", "Texture", "Features", "PixelBins", "Comparison", "Layout", "Memory"),
         *("Evidence", "Remembered", "Belief", "Ties", "SuperpixelGraph", "Propagation"),
     }
     without_arrays = {"joined"}

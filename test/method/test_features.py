@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import cv2
 import numpy as np
 import pytest
@@ -14,6 +16,7 @@ from lrtrav_ros.method.features import (
     colour_histograms,
     joined,
     log_chromaticity,
+    pixel_bins,
     superpixel_features,
     texture_histograms,
 )
@@ -97,11 +100,26 @@ def test_chromaticity_of_a_label_without_pixels_is_zero() -> None:
 @pytest.mark.parametrize("texture", TEXTURES)
 def test_features_are_those_that_single_functions_give(texture: str) -> None:
     image, labels = quadrants()
-    features = superpixel_features(image, labels, FeaturesConfig(texture=texture))
-    assert len(features) == 4
-    np.testing.assert_array_equal(features.colour, colour_histograms(image, labels))
-    np.testing.assert_array_equal(features.texture, texture_histograms(image, labels, texture))
-    np.testing.assert_array_equal(features.chromaticity, log_chromaticity(image, labels))
+    config = FeaturesConfig(texture=texture)
+    for bins in (None, pixel_bins(image, config)):
+        features = superpixel_features(image, labels, config, bins=bins)
+        assert len(features) == 4
+        np.testing.assert_array_equal(features.colour, colour_histograms(image, labels))
+        np.testing.assert_array_equal(features.texture, texture_histograms(image, labels, texture))
+        np.testing.assert_array_equal(features.chromaticity, log_chromaticity(image, labels))
+
+
+def test_bins_that_are_none_are_refused() -> None:
+    image, labels = quadrants()
+    bins, other = pixel_bins(image), pixel_bins(image[1:])
+    with pytest.raises(ValueError, match=r"bins\.colour is uint16"):
+        superpixel_features(image, labels, bins=other)
+    with pytest.raises(ValueError, match=r"bins\.textures is uint8"):
+        superpixel_features(image, labels, bins=dataclasses.replace(bins, textures=other.textures))
+    with pytest.raises(ValueError, match=r"bins\.colour holds 432; give labels from 0 to 431"):
+        superpixel_features(image, labels, bins=dataclasses.replace(bins, colour=np.full_like(bins.colour, 432)))
+    with pytest.raises(ValueError, match=r"bins\.textures holds .*; give labels from 0 to 15"):
+        superpixel_features(image, labels, bins=dataclasses.replace(bins, n_texture_bins=16))
 
 
 def test_features_of_several_images_are_joined_in_their_order() -> None:

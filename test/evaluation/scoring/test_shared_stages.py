@@ -41,7 +41,7 @@ def calls(monkeypatch):
 
     count("compute", Elas)
     count("preemptive_slic", detector_module, methods_module)
-    for name in ("detect_ground", "superpixel_features", "feature_distances", "spectral_clusters"):
+    for name in ("detect_ground", "pixel_bins", "superpixel_features", "feature_distances", "spectral_clusters"):
         count(name, detector_module)
     count("classify_superpixels", methods_module)
     return calls
@@ -58,7 +58,8 @@ def test_all_methods_share_what_they_have_in_common(calls, frame, limit_m):
         "compute": 1,
         "detect_ground": 3 if limit_m else 2,  # of either preset, and to measure distances on all of the disparity
         "preemptive_slic": 1,
-        "superpixel_features": 3,  # with three configurations
+        "pixel_bins": 3,  # with three configurations
+        "superpixel_features": 3,
         "feature_distances": 3,  # by both cues and each
         "spectral_clusters": 6,  # of the paper by these, with three seeds; propagation does without
         "classify_superpixels": 1,
