@@ -20,10 +20,10 @@ Value = bool | int | float | str
 
 PRESETS = ("robust", "paper")
 
-SHORT_RANGE_STAGES = ("threads", "source", "stereo", "elas", "ground")
+SHORT_RANGE_STAGES = ("threads", "source", "stereo", "elas", "ground", "maps")
 """The stages whose parameters the node ``short_range`` has."""
 
-LONG_RANGE_STAGES = ("source", "superpixels", "features", "clustering", "extension", "memory")
+LONG_RANGE_STAGES = ("source", "superpixels", "features", "clustering", "extension", "memory", "maps")
 """The stages whose parameters the node ``long_range`` has."""
 
 NODE_DEFAULTS: Mapping[str, Value] = {"memory.frames": 5}
@@ -614,6 +614,52 @@ class MemoryConfig(CheckedConfig):
 
 
 @dataclass(frozen=True, slots=True)
+class MapsConfig(CheckedConfig):
+    """Maps in metres: the grid and the point clouds."""
+
+    prefix = "maps."
+
+    cell_m: float = setting(
+        0.1,
+        "size of the grid's cells, and distance between points of obstacles and free; set it to the resolution of the "
+        "costmap",
+        minimum=0.01,
+        maximum=5.0,
+        unit="m",
+    )
+    length_m: float = setting(
+        30.0,
+        "how far ahead the grid reaches; raise it for fast robots and high cameras",
+        minimum=1.0,
+        maximum=500.0,
+        unit="m",
+    )
+    width_m: float = setting(
+        20.0,
+        "how wide the grid is, half of it to either side; raise it for wide lenses",
+        minimum=1.0,
+        maximum=500.0,
+        unit="m",
+    )
+    max_row_m: float = setting(
+        0.5,
+        "a row of the image that covers more of the way ahead than this is left unknown in the grid; raise it to see "
+        "farther and more coarsely",
+        minimum=0.01,
+        maximum=100.0,
+        unit="m",
+    )
+    clearance_m: float = setting(
+        2.0,
+        "what hangs higher than this above the ground is no obstacle in the grid; set it a little above the height of "
+        "the robot",
+        minimum=0.1,
+        maximum=100.0,
+        unit="m",
+    )
+
+
+@dataclass(frozen=True, slots=True)
 class Config(CheckedConfig):
     """The whole configuration: one part per stage, and what concerns them all.
 
@@ -641,6 +687,7 @@ class Config(CheckedConfig):
     clustering: ClusteringConfig = field(default_factory=ClusteringConfig)
     extension: ExtensionConfig = field(default_factory=ExtensionConfig)
     memory: MemoryConfig = field(default_factory=MemoryConfig)
+    maps: MapsConfig = field(default_factory=MapsConfig)
 
     @classmethod
     def preset(cls, name: str) -> Config:

@@ -1,0 +1,92 @@
+"""The frame on the ground that maps are drawn in, and the camera's pose over it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lrtrav_ros.camera import StereoCamera
+from lrtrav_ros.method.ground import GroundLine
+from lrtrav_ros.numerics.checks import check_array, check_finite
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GroundFrame:
+    """Where a camera is over the ground.
+
+    The origin is the camera's foot point, x points ahead (where the camera looks, along the ground), y to the left and
+    z up. Where the ground bends, z = 0 is the plane that touches it below the camera.
+
+    Parameters
+    ----------
+    rotation : (3, 3) ndarray of float64
+        Turns vectors of the camera's optical frame (x right, y down, z forward) into this frame.
+    height_m : float
+        Height of the camera over the ground, in metres.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If the rotation is not such an array, or no rotation, or the height is not above 0.
+    """
+
+    rotation: NDArray[np.float64]
+    height_m: float
+
+    def __post_init__(self) -> None:
+        check_array("rotation", self.rotation, np.float64, (3, 3))
+        check_finite("rotation", self.rotation)
+        if not np.allclose(self.rotation @ self.rotation.T, np.eye(3), atol=1e-6) or np.linalg.det(self.rotation) < 0:
+            raise ValueError(f"rotation is {self.rotation.tolist()}; give an orthonormal matrix of determinant 1")
+        if not 0 < self.height_m < np.inf:
+            raise ValueError(f"height is {self.height_m} m; give a positive number")
+
+    @classmethod
+    def of(cls, line: GroundLine, camera: StereoCamera) -> GroundFrame:
+        """Return the frame of a ground line, seen by a camera."""
+        # The ground's disparity fB / Z = line(u, v), times Z, is a plane in space: down . P = fB.
+        at_centre = line.slope * camera.cy + line.intercept + line.tilt * camera.cx
+        down = np.array([line.tilt * camera.fx, line.slope * camera.fy, at_centre])
+        up = -down / np.linalg.norm(down)
+        ahead = np.array([0.0, 0.0, 1.0]) - up[2] * up
+        ahead /= np.linalg.norm(ahead)
+        return cls(np.stack([ahead, np.cross(up, ahead), up]), line.camera_height_m(camera))
+
+    def from_camera(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return points of the camera's optical frame in this one.
+
+        Parameters
+        ----------
+        points : (..., 3) ndarray of float64
+            In metres.
+
+        Returns
+        -------
+        (..., 3) ndarray of float64
+        """
+        return points @ self.rotation.T + np.array([0.0, 0.0, self.height_m])
+
+    def to_camera(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return points of this frame in the camera's optical frame.
+
+        Parameters
+        ----------
+        points : (..., 3) ndarray of float64
+            In metres.
+
+        Returns
+        -------
+        (..., 3) ndarray of float64
+        """
+        return (points - np.array([0.0, 0.0, self.height_m])) @ self.rotation
+
+    @property
+    def quaternion(self) -> tuple[float, float, float, float]:
+        """The rotation as a unit quaternion x, y, z, w, with w at least 0: the camera's orientation in this frame."""
+        from scipy.spatial.transform import Rotation
+
+        x, y, z, w = Rotation.from_matrix(self.rotation).as_quat()
+        sign = -1.0 if w < 0 else 1.0
+        return (sign * float(x), sign * float(y), sign * float(z), sign * float(w))
