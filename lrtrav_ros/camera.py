@@ -11,6 +11,9 @@ from numpy.typing import NDArray
 _MAX_PX = 1e5
 """No lens has so long a focal length, and no principal point is so far off: what depends on them stays small."""
 
+_MAX_PIXELS = 2**26
+"""No camera has so many: what is made for each pixel stays within the memory."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StereoCamera:
@@ -33,8 +36,8 @@ class StereoCamera:
     Raises
     ------
     ValueError
-        If a value is not finite or absurdly large, a focal length, the baseline or a size is not positive, or only one
-        size is given.
+        If a value is not finite, a value or the size is absurdly large, a focal length, the baseline or a size is not
+        positive, or only one size is given.
     """
 
     fx: float
@@ -62,6 +65,8 @@ class StereoCamera:
             value = getattr(self, name)
             if value is not None and (isinstance(value, bool) or not isinstance(value, int) or value <= 0):
                 raise ValueError(f"{name} is {value!r}; give a whole number of pixels")
+        if self.width is not None and self.height is not None and self.width * self.height > _MAX_PIXELS:
+            raise ValueError(f"images are {self.width} x {self.height}; give a size of at most {_MAX_PIXELS} pixels")
 
     def check_size(self, shape: tuple[int, ...]) -> None:
         """Raise ValueError where an image of this shape, (height, width, ...), is not of the calibrated size."""

@@ -39,6 +39,9 @@ class Frame:
         Disparity in pixels. Invalid values (negative, not finite, absurdly large) become 0, which means none.
     depth_m : (H, W) ndarray of float32, optional
         Depth in metres; 0 for none, and what is negative or not finite becomes 0.
+    unseen : (H, W) ndarray of bool, optional
+        The pixels of the left image that the camera does not show, as at the borders of rectified images; all of them
+        are unknown.
     name : str
         The file's name without suffix, or the left image's header stamp in nanoseconds.
     stamp_ns : int, optional
@@ -58,6 +61,7 @@ class Frame:
     right: Image | None = None
     disparity: NDArray[np.float32] | None = None
     depth_m: NDArray[np.float32] | None = None
+    unseen: NDArray[np.bool_] | None = None
     name: str = ""
     stamp_ns: int | None = None
 
@@ -75,6 +79,8 @@ class Frame:
         if self.depth_m is not None:
             object.__setattr__(self, "depth_m", valid_depth(self.depth_m))
             self._check_size("depth", self.depth_m)
+        if self.unseen is not None:
+            check_array("unseen", self.unseen, np.bool_, self.shape)
 
     @property
     def image(self) -> NDArray[np.uint8]:

@@ -53,3 +53,8 @@ def test_size_is_given_as_a_whole() -> None:
         StereoCamera(**CAMERA, width=640)
     with pytest.raises(ValueError, match="height is 0; give a whole number of pixels"):
         StereoCamera(**CAMERA, width=640, height=0)
+
+
+def test_a_size_that_no_camera_has() -> None:
+    with pytest.raises(ValueError, match="images are 60000 x 60000; give a size of at most 67108864 pixels"):
+        StereoCamera(**CAMERA, width=60_000, height=60_000)

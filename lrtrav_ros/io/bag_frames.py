@@ -14,9 +14,12 @@ from rosbags.typesys import Stores, get_typestore
 
 from lrtrav_ros.frame import SOURCES, Frame
 from lrtrav_ros.io.bag_reader import BagMessage, BagReader
+from lrtrav_ros.io.camera_info import is_distorted
 from lrtrav_ros.io.message_frames import FrameMessages, frame_of, header_stamp_ns
 from lrtrav_ros.io.pairing import StampPairing, TopicQueue
-from lrtrav_ros.io.topics import LEFT_IMAGE, LEFT_INFO, PARTNER, RIGHT_INFO, find_inputs, required_inputs
+from lrtrav_ros.io.static_transforms import StaticTransforms
+from lrtrav_ros.io.topics import DEPTH_INFO, LEFT_INFO, RIGHT_INFO, RIGHT_RAW, find_inputs, image_inputs
+from lrtrav_ros.pose import Pose
 
 _ROS2 = get_typestore(Stores.ROS2_JAZZY)
 _Pairing = StampPairing[Any, Any]
@@ -35,7 +38,8 @@ class StereoBag:
 
     Topics are found under any namespace by the ends of their names: ``left/image_rect``, ``right/image_rect``,
     ``left/camera_info``, ``right/camera_info``, ``disparity``, ``depth/image_rect``; or else ``image_rect_color`` and
-    ``image_raw``, which are taken for rectified; each plain or ``…/compressed``.
+    ``image_raw``, which are taken for rectified; with `rectify`, by ``left/image_raw`` and ``right/image_raw``, or else
+    ``image_color`` and ``image_mono``; each plain or ``…/compressed``.
 
     Parameters
     ----------
@@ -45,7 +49,13 @@ class StereoBag:
         Preferred input of the frames: ``stereo``, ``disparity`` or ``depth``. Where the bag does not hold it, the first
         of these that it does.
     topics : mapping of str to str, optional
-        The bag's topic for each of the six names above that is not to be searched for.
+        The bag's topic for each of the canonical names above that is not to be searched for.
+    rectify : bool
+        Rectify the images of stereo pairs, which are raw, by the distortion in their CameraInfo.
+    depth_registered : bool
+        False where depth images have a camera of their own (``depth/camera_info``) and are to be registered.
+    depth_pose : str
+        Pose of that camera in the left one, as `Pose.parsed` takes it; empty to take it from ``/tf_static``.
     max_stamp_difference_s : float
         A left image and its partner whose header stamps differ by more, in seconds, are no pair.
 
@@ -72,19 +82,27 @@ class StereoBag:
         *,
         source: str = "stereo",
         topics: Mapping[str, str] | None = None,
+        rectify: bool = False,
+        depth_registered: bool = True,
+        depth_pose: str = "",
         max_stamp_difference_s: float = 0.005,
     ) -> None:
         if source not in SOURCES:
             raise ValueError(f"source is {source!r}; choose one of {', '.join(SOURCES)}")
+        self._depth_pose = Pose.parsed(depth_pose) if depth_pose else None
         self.reader = BagReader(path)
         self.n_skipped = 0
         self._problems: list[str] = []
         self._tolerance_ns = round(max_stamp_difference_s * 1e9)
         try:
-            self.source, self.inputs = find_inputs(self.reader.topics, source, topics or {})
+            self.source, self.inputs = find_inputs(
+                self.reader.topics, source, topics or {}, rectify=rectify, register=not depth_registered
+            )
         except ValueError as err:
             self.close()
             raise ValueError("; ".join([f"{self.reader.path}: {err}", *self.reader.problems])) from err
+        self._is_raw = RIGHT_RAW in self.inputs
+        self._left, self._partner = image_inputs(self.source, rectify=self._is_raw)
 
     def __enter__(self) -> StereoBag:
         return self
@@ -100,7 +118,12 @@ class StereoBag:
 
     def __len__(self) -> int:
         """Number of left images, which is the largest possible number of frames."""
-        return self.reader.counts[self.inputs[LEFT_IMAGE]]
+        return self.reader.counts[self.left_topic]
+
+    @property
+    def left_topic(self) -> str:
+        """The topic of the left images."""
+        return self.inputs[self._left]
 
     @property
     def problems(self) -> list[str]:
@@ -117,11 +140,14 @@ class StereoBag:
         Raises
         ------
         ValueError
-            If there is no CameraInfo, or no left image has a partner.
+            If there is no CameraInfo, no left image has a partner, or it is not known where the depth camera is.
         """
-        self._problems, self.n_skipped = self._notes(), 0
+        self._problems, self.n_skipped = [], 0
         infos = self._first_infos()
-        pairing = _Pairing(TopicQueue(self.inputs[LEFT_IMAGE]), TopicQueue(self.inputs[PARTNER[self.source]]))
+        if DEPTH_INFO in infos and self._depth_pose is None:
+            self._depth_pose = self._recorded_pose(infos)
+        self._problems += self._notes(infos)
+        pairing = _Pairing(TopicQueue(self.left_topic), TopicQueue(self.inputs[self._partner]))
         roles = {topic: role for role, topic in self.inputs.items()}
         names: set[str] = set()
         for message in self.reader.messages(roles):
@@ -143,10 +169,10 @@ class StereoBag:
     def _frame_after(self, message: BagMessage, role: str, pairing: _Pairing, infos: dict[str, Any]) -> Frame | None:
         """Take a message; return the frame that it completes, if any."""
         decoded = _deserialized(message)
-        if role in (LEFT_INFO, RIGHT_INFO):
+        if role in (LEFT_INFO, RIGHT_INFO, DEPTH_INFO):
             infos[role] = decoded
             return None
-        add = pairing.add_first if role == LEFT_IMAGE else pairing.add_second
+        add = pairing.add_first if role == self._left else pairing.add_second
         pair = add(header_stamp_ns(decoded), decoded, tolerance_ns=self._tolerance_ns)
         return None if pair is None else self._frame(*pair, infos)
 
@@ -158,15 +184,19 @@ class StereoBag:
         if losses:
             self._problems.append(f"{self.reader.path}: {losses}")
 
-    def _notes(self) -> list[str]:
+    def _notes(self, infos: Mapping[str, Any]) -> list[str]:
         """Return a remark for each topic whose use is a guess."""
+        if self._is_raw:
+            return []
         raw = [topic for topic in self.inputs.values() if "image_raw" in topic.rsplit("/", 2)[-2:]]
-        return [f"{self.reader.path}: {topic} is taken for rectified" for topic in raw]
+        can_rectify = self.source == "stereo" and any(map(is_distorted, infos.values()))
+        remedy = ", though its CameraInfo has distortion; source.rectify=true rectifies it" if can_rectify else ""
+        return [f"{self.reader.path}: {topic} is taken for rectified{remedy}" for topic in raw]
 
     def _first_infos(self) -> dict[str, Any]:
         """Return the first CameraInfo of each camera, which also serves the images recorded before it."""
         infos: dict[str, Any] = {}
-        for role in (LEFT_INFO, RIGHT_INFO):
+        for role in (LEFT_INFO, RIGHT_INFO, DEPTH_INFO):
             topic = self.inputs.get(role)
             if topic is None:
                 continue
@@ -175,11 +205,22 @@ class StereoBag:
                     with suppress(ValueError):
                         infos[role] = _deserialized(message)
                         break
-            if role not in infos and role in required_inputs(self.source):
+            if role not in infos and (role != RIGHT_INFO or self.source == "stereo"):
                 raise ValueError(
                     f"{self.reader.path}: {topic} has no message that can be read; record the camera's calibration"
                 )
         return infos
+
+    def _recorded_pose(self, infos: Mapping[str, Any]) -> Pose:
+        """Return the pose of the depth camera in the left one; raises ValueError where the bag does not tell."""
+        left, depth = (str(infos[role].header.frame_id) for role in (LEFT_INFO, DEPTH_INFO))
+        pose = StaticTransforms.recorded(self.reader).pose(left, depth)
+        if pose is None:
+            raise ValueError(
+                f"{self.reader.path}: /tf_static has no transform from {depth!r} to {left!r}, the cameras of depth and "
+                "left image; record it, or set source.depth_pose"
+            )
+        return pose
 
     def _frame(self, left: Any, partner: Any, infos: Mapping[str, Any]) -> Frame:
         """Return the frame of a pair of messages; raises _FrameError where they cannot be used."""
@@ -189,6 +230,9 @@ class StereoBag:
             partner=partner,
             left_info=infos[LEFT_INFO],
             right_info=infos.get(RIGHT_INFO),
+            is_raw=self._is_raw,
+            depth_info=infos.get(DEPTH_INFO),
+            depth_pose=self._depth_pose,
         )
         try:
             return frame_of(messages)

@@ -1,4 +1,4 @@
-"""Converts calibration messages, of ROS 1 or ROS 2, to a `StereoCamera`."""
+"""Converts calibration messages, of ROS 1 or ROS 2, to a `StereoCamera` or a `RawPair`."""
 
 from __future__ import annotations
 
@@ -6,7 +6,11 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from lrtrav_ros.camera import StereoCamera
+from lrtrav_ros.rectification import Lens, RawPair, Rotation, checked_rotation, unseen_pixels
 
 VIRTUAL_BASELINE_M = 0.12
 """Expresses depth as disparity where a depth camera comes without a baseline; that of small stereo cameras."""
@@ -21,6 +25,51 @@ def stereo_camera(left: Any, right: Any) -> StereoCamera:
         If the projection matrices hold no focal length or no baseline.
     """
     return _camera(left, baseline_m=_baseline_m(right))
+
+
+def raw_pair_of(left: Any, right: Any) -> RawPair:
+    """Return the calibration of a pair of raw images from its two ``sensor_msgs/CameraInfo``.
+
+    Binning and region of interest are those of the images, raw and rectified alike.
+
+    Raises
+    ------
+    ValueError
+        If a camera is not calibrated, its distortion is of a model that is not supported, or the two CameraInfo are for
+        different windows of the sensor.
+    """
+    check_same_window(left, right)
+    camera = stereo_camera(left, right)
+    if camera.width is None:
+        raise ValueError("the left CameraInfo has no size; let the driver fill in width and height")
+    return RawPair(
+        left=_lens(left),
+        right=_lens(right),
+        left_rotation=_rotation(left),
+        right_rotation=_rotation(right),
+        camera=camera,
+    )
+
+
+def unseen_of(left: Any) -> NDArray[np.bool_] | None:
+    """Return which pixels of the rectified left image its raw one does not show, by its ``sensor_msgs/CameraInfo``.
+
+    Returns
+    -------
+    (H, W) ndarray of bool or None
+        None where it shows all.
+
+    Raises
+    ------
+    ValueError
+        As `raw_pair_of` does.
+    """
+    return unseen_pixels(_lens(left), _rotation(left), _camera(left, baseline_m=VIRTUAL_BASELINE_M))
+
+
+def is_distorted(info: Any) -> bool:
+    """Return whether a CameraInfo says that the raw images of its camera are distorted."""
+    return any(float(value) for value in info.d)
 
 
 def check_same_window(left: Any, right: Any) -> None:
@@ -88,9 +137,12 @@ class _Window:
 
     @classmethod
     def of(cls, info: Any) -> _Window:
-        """Return the window of a CameraInfo; a size of 0 is the whole sensor, a binning of 0 none."""
+        """Return the window of a CameraInfo; a size of 0 is the whole sensor, a binning of 0 none.
+
+        Raises ValueError where the window is not on the sensor, or binning leaves no pixel of it.
+        """
         roi = info.roi
-        return cls(
+        window = cls(
             left=int(roi.x_offset),
             top=int(roi.y_offset),
             width=int(roi.width) or int(info.width),
@@ -98,6 +150,51 @@ class _Window:
             binning_x=max(int(info.binning_x), 1),
             binning_y=max(int(info.binning_y), 1),
         )
+        if not window._fits(int(info.width), int(info.height)):
+            raise ValueError(
+                f"CameraInfo of {info.header.frame_id!r} has a sensor of {info.width} x {info.height} pixels, of which "
+                f"images show {window}; set region of interest and binning to what the driver does"
+            )
+        return window
+
+    def _fits(self, width: int, height: int) -> bool:
+        """Return whether the window is no larger than a sensor of this size, and holds a pixel; 0 is not known."""
+        is_inside = not width or not height or (self.left + self.width <= width and self.top + self.height <= height)
+        is_whole = self.width == width and self.height == height  # an offset beside the whole sensor is of no account
+        has_pixels = (
+            not self.width or not self.height or min(self.width // self.binning_x, self.height // self.binning_y)
+        )
+        return bool((is_inside or is_whole) and has_pixels)
+
+
+def _lens(info: Any) -> Lens:
+    """Return the lens that K and D, which are for the whole sensor, describe."""
+    window = _Window.of(info)
+    k_fx, k_cx, k_fy, k_cy = (float(info.k[i]) for i in (0, 2, 4, 5))
+    try:
+        return Lens(
+            width=window.width // window.binning_x,
+            height=window.height // window.binning_y,
+            fx=k_fx / window.binning_x,
+            fy=k_fy / window.binning_y,
+            cx=(k_cx - window.left) / window.binning_x,
+            cy=(k_cy - window.top) / window.binning_y,
+            distortion_model=str(info.distortion_model),
+            distortion=tuple(map(float, info.d)),
+        )
+    except ValueError as err:
+        raise _cannot_rectify(info, err) from err
+
+
+def _rotation(info: Any) -> Rotation:
+    try:
+        return checked_rotation("R", tuple(map(float, info.r)))
+    except ValueError as err:
+        raise _cannot_rectify(info, err) from err
+
+
+def _cannot_rectify(info: Any, err: ValueError) -> ValueError:
+    return ValueError(f"CameraInfo of {info.header.frame_id!r} cannot rectify: {err}")
 
 
 def _camera(info: Any, *, baseline_m: float, fx: float | None = None) -> StereoCamera:

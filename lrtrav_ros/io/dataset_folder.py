@@ -1,10 +1,15 @@
-"""Dataset folders: frames of a rectified stereo or depth camera, with calibration and ground truth.
+"""Dataset folders: frames of a stereo or depth camera, with calibration and ground truth.
 
 A folder holds ``left/NAME.{png,jpg,jpeg}`` and one or more of ``right/NAME.*``, ``disparity/NAME.png`` (16 bit,
 disparity x 256, 0 for none) and ``depth/NAME.png`` (16 bit: metres x ``depth_scale`` where the calibration has one,
 else millimetres; 0 for none); ``calib.json`` or ``calib/NAME.json`` with fx, fy, cx, cy, baseline_m, width, height; and
 optionally ``gt/NAME.png`` (255 traversable, 0 not traversable, 128 ignored) and ``height/NAME.png`` (16 bit,
 millimetres above the ground of what a pixel shows; 0 for ground and sky).
+
+Images of a stereo camera may be raw. The calibration then has width, height, ``left`` and ``right``, each with fx, fy,
+cx, cy, distortion_model and distortion (see `rectification.Lens`), and the pose as stereo calibration gives it:
+right = ``rotation`` @ left + ``translation_m``, with rotation as three rows. The images are rectified as they are read;
+ground truth and heights are those of the rectified left one.
 """
 
 from __future__ import annotations
@@ -27,8 +32,11 @@ from lrtrav_ros.camera import StereoCamera
 from lrtrav_ros.frame import SOURCES, Frame
 from lrtrav_ros.io.atomic_files import write_bytes
 from lrtrav_ros.io.image_files import DISPARITY_SCALE, read_disparity, read_image, write_disparity, write_image
+from lrtrav_ros.rectification import Lens, RawPair, raw_pair, rectification
 
 _CALIBRATION = ("fx", "fy", "cx", "cy", "baseline_m", "width", "height")
+_LENS = ("fx", "fy", "cx", "cy", "distortion_model", "distortion")
+_RAW_CALIBRATION = ("width", "height", "left", "right", "rotation", "translation_m")
 _SUFFIXES = (".png", ".jpg", ".jpeg")
 _FOLDERS = {"stereo": "right", "disparity": "disparity", "depth": "depth"}
 MILLIMETRES = 1000.0
@@ -128,8 +136,10 @@ class DatasetFolder:
         """
         left = read_image(_file(self._left, name, self.path / "left"))
         calibration = _read_calibration(self._calibration_path(name))
+        if calibration.raw is not None and self.source != "stereo":
+            raise ValueError(f"{self._calibration_path(name)}: is for raw pairs, not for {self.source}; add right/")
         path = _file(self._input, name, self.path / _FOLDERS[self.source])
-        right = disparity = depth_m = None
+        right = disparity = depth_m = unseen = None
         if self.source == "stereo":
             right = read_image(path)
         elif self.source == "disparity":
@@ -137,8 +147,18 @@ class DatasetFolder:
         else:
             depth_m = read_disparity(path, scale=calibration.depth_scale)
         try:
+            if calibration.raw is not None and right is not None:
+                pair = rectification(calibration.raw)
+                left, right = pair.rectify(left, right)
+                unseen = pair.unseen
             return Frame(
-                name=name, left=left, camera=calibration.camera, right=right, disparity=disparity, depth_m=depth_m
+                name=name,
+                left=left,
+                camera=calibration.camera,
+                right=right,
+                disparity=disparity,
+                depth_m=depth_m,
+                unseen=unseen,
             )
         except ValueError as err:
             raise ValueError(f"{self.path}, frame {name}: {err}") from err
@@ -231,10 +251,11 @@ def read_camera(path: Path) -> StereoCamera:
 
 @dataclass(frozen=True, slots=True)
 class _Calibration:
-    """A calibration file: the camera, and what depth in metres was multiplied by."""
+    """A calibration file: the camera, what depth in metres was multiplied by, and what rectifies raw images."""
 
     camera: StereoCamera
     depth_scale: float
+    raw: RawPair | None = None
 
 
 def _read_calibration(path: Path) -> _Calibration:
@@ -255,14 +276,50 @@ def _read_calibration(path: Path) -> _Calibration:
 
 def _calibration(values: Mapping[str, Any]) -> _Calibration:
     """Return the calibration; raises ValueError that names the field."""
-    for key in _CALIBRATION:
-        if key not in values:
-            raise ValueError(f"{key} is missing")
-    camera = StereoCamera(**{key: values[key] for key in _CALIBRATION})
+    if "left" in values or "right" in values:
+        raw = _raw_pair(values)
+        return _Calibration(raw.camera, MILLIMETRES, raw)  # depth is none of a raw pair's
+    camera = StereoCamera(**_fields(values, _CALIBRATION))
     scale = values.get("depth_scale", MILLIMETRES)
     if isinstance(scale, bool) or not isinstance(scale, (int, float)) or not 0 < scale < math.inf:
         raise ValueError(f"depth_scale is {scale!r}; give a positive number")
     return _Calibration(camera, scale)
+
+
+def _raw_pair(values: Mapping[str, Any]) -> RawPair:
+    """Return the calibration of raw images; raises ValueError that names the field."""
+    fields = _fields(values, _RAW_CALIBRATION)
+    lenses = {side: _lens(fields, side) for side in ("left", "right")}
+    try:
+        rotation = [number for row in fields["rotation"] for number in row]
+        return raw_pair(**lenses, rotation=rotation, translation_m=fields["translation_m"])
+    except TypeError as err:
+        raise ValueError(
+            f"rotation is {fields['rotation']!r}, translation_m {fields['translation_m']!r}; give 3 rows of 3 numbers, "
+            "and 3 numbers"
+        ) from err
+
+
+def _lens(values: Mapping[str, Any], side: str) -> Lens:
+    """Return one side's lens."""
+    if not isinstance(values[side], Mapping):
+        raise ValueError(f"{side} is {values[side]!r}; give an object with {', '.join(_LENS)}")
+    try:
+        fields = _fields(values[side], _LENS)
+        if not isinstance(fields["distortion_model"], str) or not isinstance(fields["distortion"], list):
+            raise ValueError("distortion_model is no text, or distortion no list; give a model's name and its numbers")
+        lens = {**fields, "distortion": tuple(fields["distortion"])}
+        return Lens(width=values["width"], height=values["height"], **lens)
+    except ValueError as err:
+        raise ValueError(f"{side}: {err}") from err
+
+
+def _fields(values: Mapping[str, Any], keys: tuple[str, ...]) -> dict[str, Any]:
+    """Return the values of keys; raises ValueError that names the one that is missing."""
+    for key in keys:
+        if key not in values:
+            raise ValueError(f"{key} is missing")
+    return {key: values[key] for key in keys}
 
 
 def _images_in(folder: Path) -> dict[str, Path]:

@@ -11,9 +11,12 @@ from numpy.typing import NDArray
 
 from lrtrav_ros.camera import StereoCamera
 from lrtrav_ros.frame import Frame, Image
-from lrtrav_ros.io.camera_info import check_same_window, depth_camera, disparity_camera, stereo_camera
+from lrtrav_ros.io.camera_info import check_same_window, depth_camera, disparity_camera, raw_pair_of, stereo_camera
 from lrtrav_ros.io.encodings import decode_message
 from lrtrav_ros.io.serialized_message import SerializedMessage
+from lrtrav_ros.pose import Pose
+from lrtrav_ros.rectification import rectification
+from lrtrav_ros.registration import DepthRegistration
 
 _MILLIMETRES = 1000
 
@@ -34,6 +37,12 @@ class FrameMessages:
         That of the right one, which gives the baseline; a depth camera may do without.
     left : sensor_msgs/Image or sensor_msgs/CompressedImage, optional
         The left image; disparity and depth may do without.
+    is_raw : bool
+        Whether the two images of a stereo pair are to be rectified.
+    depth_info : sensor_msgs/CameraInfo, optional
+        Calibration of a depth image that is to be registered to the left one.
+    depth_pose : Pose, optional
+        Pose of its camera in the left one; needed with `depth_info`.
     """
 
     source: str
@@ -41,6 +50,9 @@ class FrameMessages:
     left_info: Any
     right_info: Any | None = None
     left: Any | None = None
+    is_raw: bool = False
+    depth_info: Any | None = None
+    depth_pose: Pose | None = None
 
     @property
     def header(self) -> Any:
@@ -71,8 +83,8 @@ def frame_of(messages: FrameMessages) -> Frame:
     Raises
     ------
     ValueError
-        If a message is not whole, the calibration has no focal length or baseline, or sizes or types do not fit each
-        other; see `Frame`.
+        If a message is not whole, the calibration has no focal length or baseline or cannot rectify, or sizes or types
+        do not fit each other; see `Frame`.
     """
     stamp_ns = messages.stamp_ns
     left = None if messages.left is None else decode_message(messages.left)
@@ -82,7 +94,7 @@ def frame_of(messages: FrameMessages) -> Frame:
     elif messages.source == "disparity":
         disparity = disparity_in_pixels(messages.partner)
     else:
-        depth_m = depth_in_metres(decode_message(messages.partner))
+        depth_m = _depth_m(messages)
     frame = Frame(
         camera=_camera(messages),
         left=left,
@@ -94,7 +106,30 @@ def frame_of(messages: FrameMessages) -> Frame:
     )
     if messages.source == "stereo":
         check_same_window(messages.left_info, messages.right_info)
-    return frame
+    return _rectified(frame, messages) if messages.is_raw else frame
+
+
+def _rectified(frame: Frame, messages: FrameMessages) -> Frame:
+    """Return the rectified frame of a raw one."""
+    if frame.left is None or frame.right is None:
+        raise ValueError(f"the source is {messages.source!r}; only a stereo pair can be rectified")
+    pair = rectification(raw_pair_of(messages.left_info, messages.right_info))
+    left, right = pair.rectify(frame.left, frame.right)
+    return dataclasses.replace(frame, left=left, right=right, unseen=pair.unseen)
+
+
+def _depth_m(messages: FrameMessages) -> NDArray[np.float32]:
+    """Return the depth of each pixel of the left image, in metres."""
+    depth_m = depth_in_metres(decode_message(messages.partner))
+    camera = depth_camera(messages.left_info)
+    if messages.depth_info is not None and messages.depth_pose is not None:
+        return DepthRegistration(depth_camera(messages.depth_info), camera, messages.depth_pose).registered(depth_m)
+    if camera.width is not None and depth_m.shape != (camera.height, camera.width):
+        raise ValueError(
+            f"the depth image is {depth_m.shape[1]} x {depth_m.shape[0]} pixels, but the left CameraInfo is for "
+            f"{camera.width} x {camera.height}; if it is of a camera of its own, set source.depth_registered to false"
+        )
+    return depth_m
 
 
 def _camera(messages: FrameMessages) -> StereoCamera:

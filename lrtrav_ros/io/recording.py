@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import AbstractContextManager, closing, nullcontext
 from pathlib import Path
 from typing import Protocol, TypeAlias
@@ -32,20 +32,48 @@ class Recording(Protocol):
         """One line for all that could not be used up to now, with the reason."""
 
 
-def open_recording(path: Path, config: SourceConfig) -> AbstractContextManager[Recording]:
+def is_dataset_folder(path: Path) -> bool:
+    """Return whether a recording is a dataset folder, and no rosbag."""
+    return (path / "left").is_dir()
+
+
+def open_recording(
+    path: Path, config: SourceConfig, *, topics: Mapping[str, str] | None = None
+) -> AbstractContextManager[Recording]:
     """Open a dataset folder, known by its folder ``left``, or else a rosbag, for a ``with`` block.
+
+    Parameters
+    ----------
+    path : Path
+        The folder or bag.
+    config : SourceConfig
+        Which of its inputs to take, and how.
+    topics : mapping of str to str, optional
+        The bag's topic for each input that is not to be searched for; see `StereoBag`.
 
     Raises
     ------
     FileNotFoundError
         If there is nothing at `path`.
     ValueError
-        If it is neither, or holds nothing to detect in.
+        If it is neither, or holds nothing to detect in, or topics are given for a folder.
     """
     if not path.exists():
         raise FileNotFoundError(f"{path}: there is no such folder or file")
     if path.is_dir() and not any(path.iterdir()):
         raise ValueError(f"{path}: is empty; give a dataset folder with left/, or a rosbag")
-    if (path / "left").is_dir():
+    if is_dataset_folder(path):
+        if topics:
+            raise ValueError(f"{path}: is a dataset folder, which has no topics to remap; give a rosbag")
         return nullcontext(DatasetFolder(path, source=config.source))
-    return closing(StereoBag(path, source=config.source, max_stamp_difference_s=config.max_stamp_difference_s))
+    return closing(
+        StereoBag(
+            path,
+            source=config.source,
+            rectify=config.rectify,
+            depth_registered=config.depth_registered,
+            depth_pose=config.depth_pose,
+            topics=topics,
+            max_stamp_difference_s=config.max_stamp_difference_s,
+        )
+    )

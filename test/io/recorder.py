@@ -99,19 +99,24 @@ class Recorder:
         return self.make(kind, x_offset=0, y_offset=0, height=height, width=width, do_rectify=False)
 
     def info(self, topic, stamp_ns, *, baseline_m=0.0, fx=CAMERA.fx, size=(HEIGHT, WIDTH)):
-        matrices = {
-            "d": np.zeros(5),
-            "k": np.eye(3).reshape(-1),
-            "r": np.eye(3).reshape(-1),
-            "p": np.array([fx, 0, CAMERA.cx, -fx * baseline_m, 0, CAMERA.fy, CAMERA.cy, 0, 0, 0, 1, 0]),
-        }
-        message = self.make(
-            "sensor_msgs/msg/CameraInfo",
-            header=self.header(stamp_ns),
+        self.info_of(
+            topic,
+            stamp_ns,
             height=size[0],
             width=size[1],
             distortion_model="plumb_bob",
-            **{name.upper() if self.is_ros1 else name: value for name, value in matrices.items()},
+            d=np.zeros(5),
+            k=np.eye(3).reshape(-1),
+            r=np.eye(3).reshape(-1),
+            p=np.array([fx, 0, CAMERA.cx, -fx * baseline_m, 0, CAMERA.fy, CAMERA.cy, 0, 0, 0, 1, 0]),
+        )
+
+    def info_of(self, topic, stamp_ns, **fields):
+        """Write a CameraInfo of these fields."""
+        message = self.make(
+            "sensor_msgs/msg/CameraInfo",
+            header=self.header(stamp_ns),
+            **{name.upper() if self.is_ros1 and len(name) == 1 else name: value for name, value in fields.items()},
             binning_x=0,
             binning_y=0,
             roi=self.region(),

@@ -6,6 +6,7 @@ import re
 
 import numpy as np
 import pytest
+from raw_cameras import calibrations, pair, texture
 from recorder import (
     CAMERA,
     HEIGHT,
@@ -20,9 +21,12 @@ from recorder import (
 )
 
 from lrtrav_ros.camera import StereoCamera
+from lrtrav_ros.config import SourceConfig
 from lrtrav_ros.io.bag_frames import StereoBag
 from lrtrav_ros.io.bag_writer import write_stereo_bag
 from lrtrav_ros.io.camera_info import VIRTUAL_BASELINE_M
+from lrtrav_ros.io.recording import open_recording
+from lrtrav_ros.rectification import Rectification
 
 
 def test_recordings_of_any_system_are_read(any_recorder):
@@ -200,7 +204,7 @@ def test_a_frame_that_cannot_be_used_is_skipped(any_recorder):
     any_recorder.infos()
     faults = {
         1: {"data": np.zeros(10, np.uint8)},
-        2: {"encoding": "yuv422"},
+        2: {"encoding": "yuv411"},
         3: {"height": HEIGHT - 1},
     }
     for i in range(5):
@@ -212,7 +216,7 @@ def test_a_frame_that_cannot_be_used_is_skipped(any_recorder):
         assert (bag.n_skipped, len(bag.problems)) == (3, 3)
         for problem, (i, text) in zip(
             bag.problems,
-            [(1, "image data has 10 bytes"), (2, "'yuv422'"), (3, "the right image is 41 x 29")],
+            [(1, "image data has 10 bytes"), (2, "'yuv411'"), (3, "the right image is 41 x 29")],
             strict=True,
         ):
             assert f"skipped frame {START_NS + i}: " in problem
@@ -289,3 +293,75 @@ def test_missing_calibration_is_an_error(recorder):
     recorder.close()
     with StereoBag(recorder.path) as bag, pytest.raises(ValueError, match="/left/camera_info has no message"):
         next(bag.frames())
+
+
+def record_raw_pair(recorder, raw, *, write, topic):
+    """Record a pair of one calibration, its images by `write`."""
+    for i, (side, fields) in enumerate(zip(("left", "right"), calibrations(raw), strict=True)):
+        recorder.info_of(f"/robot/{side}/camera_info", START_NS, **fields)
+        write(f"/robot/{side}/{topic}", texture(i), START_NS)
+
+
+@pytest.mark.parametrize("model", ["plumb_bob of 5", "rational_polynomial of 8", "equidistant"])
+def test_raw_pairs_are_rectified(any_recorder, model):
+    raw = pair(model)
+    record_raw_pair(any_recorder, raw, write=any_recorder.image, topic="image_raw")
+    (frame,), problems = read(any_recorder, rectify=True)
+    assert problems == []
+    left, right = Rectification(raw).rectify(texture(0), texture(1))
+    assert np.array_equal(frame.left, left)
+    assert np.array_equal(frame.right, right)
+    assert frame.camera == raw.camera
+
+
+@pytest.mark.parametrize("topic", ["image_raw/compressed", "image_color/compressed"])
+def test_compressed_raw_pairs_are_rectified_alike(recorder, topic):
+    raw = pair()
+    record_raw_pair(recorder, raw, write=recorder.compressed, topic=topic)
+    recorder.close()
+    with open_recording(recorder.path, SourceConfig(rectify=True)) as bag:
+        (frame,) = bag.frames()
+        assert np.array_equal(frame.left, Rectification(raw).rectify(texture(0), texture(1))[0])
+        assert bag.problems == []
+
+
+def test_raw_images_are_preferred_where_they_are_to_be_rectified(recorder):
+    record_raw_pair(recorder, pair(), write=recorder.image, topic="image_raw")
+    for side in ("left", "right"):
+        recorder.image(f"/robot/{side}/image_rect", texture(7), START_NS)
+    recorder.close()
+    with StereoBag(recorder.path) as bag:
+        assert bag.left_topic == "/robot/left/image_rect"
+    with StereoBag(recorder.path, rectify=True) as bag:
+        assert bag.left_topic == "/robot/left/image_raw"
+        assert len(bag) == 1
+
+
+def test_raw_images_that_are_not_rectified_are_named(recorder):
+    record_raw_pair(recorder, pair(), write=recorder.image, topic="image_raw")
+    (frame,), problems = read(recorder)
+    assert np.array_equal(frame.left, texture(0))
+    assert len(problems) == 2
+    for side, problem in zip(("left", "right"), problems, strict=True):
+        assert f"/robot/{side}/image_raw is taken for rectified, though its CameraInfo has distortion" in problem
+        assert "source.rectify=true" in problem
+
+
+def test_a_pair_without_raw_images_cannot_be_rectified(recorder):
+    record_pairs(recorder, 1)
+    recorder.close()
+    with pytest.raises(
+        ValueError, match="needed in one namespace are left/image_raw, right/image_raw, left/camera_info"
+    ):
+        StereoBag(recorder.path, rectify=True)
+
+
+def test_a_lens_of_another_model_is_reported(recorder):
+    for side, fields in zip(("left", "right"), calibrations(pair()), strict=True):
+        recorder.info_of(f"/{side}/camera_info", START_NS, **{**fields, "distortion_model": "fov"})
+        recorder.image(f"/{side}/image_raw", texture(), START_NS)
+    frames, problems = read(recorder, rectify=True)
+    assert frames == []
+    assert (
+        f"skipped frame {START_NS}: CameraInfo of 'camera' cannot rectify: distortion model 'fov' is not" in problems[0]
+    )

@@ -4,11 +4,13 @@ import json
 
 import numpy as np
 import pytest
+from raw_cameras import ROTATION, TRANSLATION_M, pair, texture
 
 from lrtrav_ros.camera import StereoCamera
 from lrtrav_ros.frame import Frame
 from lrtrav_ros.io.dataset_folder import DatasetFolder, write_calibration, write_frame
 from lrtrav_ros.io.image_files import write_image
+from lrtrav_ros.rectification import Rectification
 
 HEIGHT, WIDTH = 24, 37
 CAMERA = StereoCamera(fx=50.5, fy=51.0, cx=18.25, cy=11.5, baseline_m=0.12, width=WIDTH, height=HEIGHT)
@@ -210,3 +212,62 @@ def test_two_images_of_one_name_are_refused(folder):
     write_image(folder / "left" / "a.jpg", np.zeros((HEIGHT, WIDTH), np.uint8))
     with pytest.raises(ValueError, match=r"a\.png: the folder has a\.jpg too"):
         DatasetFolder(folder)
+
+
+def lens_values(lens):
+    names = ("fx", "fy", "cx", "cy", "distortion_model", "distortion")
+    return {name: getattr(lens, name) for name in names}
+
+
+@pytest.fixture
+def raw_folder(tmp_path):
+    """A folder of one raw pair."""
+    raw = pair()
+    for i, side in enumerate(("left", "right")):
+        write_image(tmp_path / side / "a.png", texture(i))
+    values = {"left": lens_values(raw.left), "right": lens_values(raw.right), "rotation": ROTATION.tolist()}
+    size = {"width": raw.left.width, "height": raw.left.height}
+    (tmp_path / "calib.json").write_text(json.dumps({**size, **values, "translation_m": TRANSLATION_M.tolist()}))
+    return tmp_path
+
+
+def test_raw_pairs_are_rectified(raw_folder):
+    dataset, raw = DatasetFolder(raw_folder), pair()
+    (frame,) = dataset.frames()
+    left, right = Rectification(raw).rectify(texture(0), texture(1))
+    assert frame.camera == raw.camera
+    assert np.array_equal(frame.left, left)
+    assert np.array_equal(frame.right, right)
+    assert dataset.problems == []
+    (file,) = dataset.items()
+    assert np.array_equal(file.read().left, left)
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ({"right": None}, "right is missing"),
+        ({"rotation": None}, "rotation is missing"),
+        ({"rotation": [1, 0, 0, 0, 1, 0, 0, 0, 1]}, r"rotation is \[1, .*give 3 rows of 3 numbers"),
+        ({"rotation": [[1, 0, 0], [0, 1, 0], [0, 0, 2]]}, "give a rotation matrix"),
+        ({"translation_m": 0.1}, "translation_m 0.1; give"),
+        ({"translation_m": [0.1, 0, 0]}, "the right camera is not to the right of the left one"),
+        ({"left": [1, 2]}, r"left is \[1, 2\]; give an object with fx, fy"),
+        ({"left": {"fx": 1.0}}, "left: fy is missing"),
+        ({"left": {**lens_values(pair().left), "distortion_model": "fov"}}, "left: distortion model 'fov' is not supp"),
+        ({"left": {**lens_values(pair().left), "distortion_model": 7}}, "left: distortion_model is no text"),
+        ({"right": {**lens_values(pair().left), "distortion": 0.1}}, "right: .* distortion no list"),
+        ({"right": {**lens_values(pair().left), "fx": "wide"}}, "right: fx is 'wide'; give a finite number"),
+        ({"width": 321}, "frame a: the calibration is for 321 x 200 pixels, but the left image is 320 x 200"),
+    ],
+)
+def test_a_raw_calibration_that_cannot_be_is_named(raw_folder, values, message):
+    change_calibration(raw_folder, **values)
+    with pytest.raises(ValueError, match=message):
+        DatasetFolder(raw_folder).frame("a")
+
+
+def test_a_raw_calibration_is_for_pairs(raw_folder):
+    write_frame(raw_folder, Frame(name="a", camera=pair().camera, disparity=np.zeros((200, 320), np.float32)))
+    with pytest.raises(ValueError, match="is for raw pairs, not for disparity; add right/"):
+        DatasetFolder(raw_folder, source="disparity").frame("a")
