@@ -21,7 +21,8 @@ from lrtrav_ros.method.clustering import spectral_clusters, spread_clusters
 from lrtrav_ros.method.comparison import feature_distances
 from lrtrav_ros.method.extension import extend
 from lrtrav_ros.method.features import Features, pixel_bins, superpixel_features
-from lrtrav_ros.method.ground import ShortRange, detect_ground, traversable_mask
+from lrtrav_ros.method.ground import UNKNOWN, ShortRange, detect_ground, traversable_mask
+from lrtrav_ros.method.ground_memory import GroundMemory
 from lrtrav_ros.method.matching import Matcher, create_matcher
 from lrtrav_ros.method.memory import Memory
 from lrtrav_ros.method.propagation import SuperpixelGraph, propagate, superpixel_graph
@@ -114,6 +115,21 @@ class LongRange:
         """The cluster of each pixel, int32 (H, W)."""
         return self.superpixel_clusters[self.superpixels]
 
+    def without(self, unseen: NDArray[np.bool_] | None) -> LongRange:
+        """Return the same, with pixels that the camera does not show as unknown; see `Frame`.
+
+        Parameters
+        ----------
+        unseen : (H, W) ndarray of bool or None
+            None where it shows all.
+        """
+        if unseen is None:
+            return self
+        nothing = np.uint8(0)
+        confidence = None if self.confidence is None else np.where(unseen, nothing, self.confidence)
+        occupancy = np.where(unseen, np.uint8(UNKNOWN), self.occupancy)
+        return dataclasses.replace(self, occupancy=occupancy, confidence=confidence)
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Detection:
@@ -155,6 +171,8 @@ class Detection:
 class ShortRangeDetector:
     """Finds ground and obstacles as far as disparity is trusted: stereo matching and u-v-disparity.
 
+    With ``ground.memory_s`` it remembers the ground of the last frame: give it those of one camera, in their order.
+
     Parameters
     ----------
     config : Config
@@ -169,6 +187,7 @@ class ShortRangeDetector:
         self.config = config
         self._team = team or _new_team(config)
         self._matcher = matcher or create_matcher(config.stereo, config.elas, team=self._team)
+        self._memory = GroundMemory(config.ground)
 
     def detect(self, frame: Frame, run: StageRunner | None = None) -> ShortRange:
         """Detect ground and obstacles in a frame.
@@ -185,15 +204,24 @@ class ShortRangeDetector:
         ShortRange
             Disparity as far as it is trusted, ground and obstacles; all is unknown where no ground line is found.
         """
-        run = run or StageRunner()
+        run, camera = run or StageRunner(), frame.camera
         disparity = self._disparity(frame, run)
-        disparity = run(Stage.GROUND, within_reach, disparity, frame.camera, self.config.source.max_depth_m)
-        return run(Stage.GROUND, detect_ground, disparity, frame.camera, self._ground_config(frame), team=self._team)
+        disparity = run(Stage.GROUND, within_reach, disparity, camera, self.config.source.max_depth_m)
+        before = self._memory.recall(camera, frame.stamp_ns)
+        found = run(
+            Stage.GROUND, detect_ground, disparity, camera, self._ground_config(frame), before=before, team=self._team
+        )
+        if found.line is not None and not found.is_line_remembered:
+            self._memory.remember(found.line, camera, frame.stamp_ns)
+        if frame.unseen is None:
+            return found
+        return dataclasses.replace(found, occupancy=np.where(frame.unseen, np.uint8(UNKNOWN), found.occupancy))
 
     def _disparity(self, frame: Frame, run: StageRunner) -> NDArray[np.float32]:
         """Return the disparity of a frame, from whatever source, however far it goes."""
         if frame.left is not None and frame.right is not None:
-            return run(Stage.MATCHING, self._matcher.compute, frame.left, frame.right)
+            disparity = run(Stage.MATCHING, self._matcher.compute, frame.left, frame.right)
+            return disparity if frame.unseen is None else np.where(frame.unseen, np.float32(0), disparity)
         if frame.depth_m is not None:
             return run(Stage.MATCHING, frame.camera.disparity, frame.depth_m)
         assert frame.disparity is not None  # a frame is valid by construction
@@ -402,7 +430,7 @@ def _find_clusters(features: Features, config: Config, run: StageRunner) -> NDAr
 
 
 class Detector:
-    """Detects the traversable region, frame by frame; between frames it keeps only the memory of the long range.
+    """Detects the traversable region, frame by frame; between frames it keeps only its two memories.
 
     It uses as many threads as `config` says, and holds OpenCV, in the whole process, to as many. What needs no
     disparity is done beside the stereo matching. Results do not depend on the number of threads.
@@ -493,4 +521,4 @@ class Detector:
             long_range = self.long_range.extend(
                 appearance.result(), short_range.occupancy, run, stamp_ns=frame.stamp_ns
             )
-        return Detection(image, short_range, long_range, run.times)
+        return Detection(image, short_range, long_range.without(frame.unseen), run.times)

@@ -70,6 +70,19 @@ def test_shapes_types_and_values(detector, item):
     assert all(value > 0 for value in times_ms.values())
 
 
+def test_what_the_camera_does_not_show_is_unknown(detector, item):
+    unseen = np.zeros((HEIGHT, WIDTH), np.bool_)
+    unseen[-12:], unseen[:, :9] = True, True
+    left, right = (np.where(unseen[..., None], np.uint8(0), image) for image in (item.frame.left, item.frame.right))
+    frame = dataclasses.replace(item.frame, left=left, right=right, unseen=unseen)
+    result = detector.detect_frame(frame)
+    assert not result.disparity[unseen].any()
+    assert np.all(result.short_range.occupancy[unseen] == 255)
+    assert np.all(result.long_range.occupancy[unseen] == 255)
+    assert not result.long_range.confidence[unseen].any()
+    assert score(result.long_range.mask[~unseen][None], item.truth[~unseen][None]).recall > 0.9
+
+
 def test_parts_give_what_the_whole_gives(detector, item):
     whole = detector.detect_frame(item.frame)
     short_range = ShortRangeDetector(detector.config).detect(item.frame)

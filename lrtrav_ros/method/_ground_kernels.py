@@ -31,6 +31,7 @@ _LEAST_FACE = 0.03  # of the camera's height
 _NEARER = np.float32(0.06)  # share by which something nearer or farther than a face differs from it
 _SEEN_THROUGH = 2  # pixels farther away than a face that end it
 _DROP_MARGIN = np.float32(0.03)  # share by which the ground is nearer than what is seen below it, where that ends
+_BEYOND_PX = 4  # rows, in which the ground beyond what is no drop shows that it is no mismatch itself
 _RIM_PX = 4  # without disparity, between the rim of a drop and what is seen below it
 _CLEAR_PX = np.float32(4.0)  # ground of less disparity says little about noise
 _MAX_BELOW = np.float32(0.25)  # of the ground's disparity: what is farther below is a drop or a mismatch
@@ -505,7 +506,7 @@ def mark_drops(
 
     It begins behind a rim of ground, for mismatches have none, by `least` pixels and by `step`, a share of the camera's
     height, below the ground. It is a drop if it is `deep` or upright, as the far wall of a ditch, and goes on to where
-    the ground has its disparity.
+    the ground has its disparity. Farther up, nothing is nearer: where ground is, all was a mismatch.
     """
     height, n = disparity.shape[0], end - first
     least_, step_ = np.float32(least), np.float32(step)
@@ -537,6 +538,10 @@ def mark_drops(
             elif ground - d > max(least_, step_ * d) and rim_px[u] <= _RIM_PX:
                 begin[u], edge[u], edge_ground[u], face[u], goes_on[u] = v, d, ground, d, 1
             else:
+                if is_drop and d - face[u] > max((ground - face[u]) / 2, least):
+                    is_ground = classes[u] == GROUND and occupancy[max(v - _BEYOND_PX, 0), first + u] == GROUND
+                    for row in range(v, begin[u] + 1 if is_ground else v):
+                        found[row, first + u] = 0
                 goes_on[u] = 0
                 rim_px[u] = 0 if classes[u] == GROUND else rim_px[u]
 

@@ -48,9 +48,16 @@ _SLOPE_STEP = 0.03  # relative step between the slopes of the Hough transform
 _FIT_STEP_M = 0.1  # the fit begins without tilt and bend, and has to see ground that is off by as much
 _SAMPLING = 3  # rows and columns between the pixels of the refit
 _MAX_SHARE = 0.9  # of the camera's height: things as high as the camera have no disparity of their own
+_MAX_LIFT = 0.25  # of the camera's height, while a line is remembered: more is another ground
+_MAX_NOD_RAD = math.radians(10)
+_LEAST_SEEN = 0.1  # of the pixels below the horizon: a blinded camera tells nothing
+_FIRM_SUPPORT = 0.5  # of the pixels below the horizon, on a line: it is believed whatever was before
+_MAX_CONTRADICTING = 0.05  # of the pixels below the horizon, below a line
 _SIGNIFICANT_FACE = 3.8  # times the noise of outlying pixels; with Gaussian noise, 8 standard deviations
-_SIGNIFICANT_DROP = 7.3  # times that of typical ones, 5 standard deviations: mismatches are above the ground as a rule
+_SIGNIFICANT_DROP = 15.5  # times that of the lower quartile, 5 standard deviations: mismatches are above as a rule
 _LEAST_DROP_PX = (3, 7)  # rows and columns
+_LEAST_DROP_M = 0.2  # of width: what a wheel falls into
+_LINK_PX = 7  # pieces of a drop beside each other are less far apart
 _LEAST_BAND = 160  # rows or columns that are worth another thread's while
 
 
@@ -171,6 +178,8 @@ class ShortRange:
         The cells of the u-disparity that obstacles fill.
     v_disparity : (H, D) ndarray of int32
         Number of pixels per row and disparity, without those of obstacles.
+    is_line_remembered : bool
+        Whether the line is that of a frame before, for this one shows too little ground.
     """
 
     disparity: NDArray[np.float32]
@@ -179,6 +188,7 @@ class ShortRange:
     u_disparity: NDArray[np.uint16]
     obstacle_cells: NDArray[np.bool_]
     v_disparity: NDArray[np.int32]
+    is_line_remembered: bool = False
 
     @property
     def obstacle_disparity(self) -> NDArray[np.float32]:
@@ -218,6 +228,7 @@ def detect_ground(
     camera: StereoCamera,
     config: GroundConfig | None = None,
     *,
+    before: GroundLine | None = None,
     team: ThreadTeam = ALONE,
 ) -> ShortRange:
     """Find ground and obstacles in a disparity image.
@@ -231,6 +242,9 @@ def detect_ground(
     config : GroundConfig, optional
         The height of obstacles, the mounting of the camera and the precision of disparity; the defaults suit a robot
         with a stereo camera.
+    before : GroundLine, optional
+        The ground line of a frame shortly before. It is taken where this one shows too little ground for a line of its
+        own, or so little that its line has a camera at another height or pitch, and nothing that contradicts.
     team : ThreadTeam
         Threads that share the work; the result does not depend on their number.
 
@@ -253,6 +267,8 @@ def detect_ground(
     line = find_ground_line(v_histogram, camera, config)
     if line is not None:
         line = _refit(line, disparity, camera, config)
+    is_line_remembered = before is not None and _is_better(before, line, disparity, camera, config)
+    line = before if is_line_remembered else line
     obstacles = None if config.min_obstacle_m else kernels.select(disparity, cells)
     return ShortRange(
         disparity=disparity,
@@ -261,6 +277,7 @@ def detect_ground(
         u_disparity=histogram,
         obstacle_cells=cells,
         v_disparity=v_histogram,
+        is_line_remembered=is_line_remembered,
     )
 
 
@@ -459,6 +476,48 @@ def _refit(
     return GroundLine(*fitted.tolist()) if found and fitted[0] > 0 and np.isfinite(fitted).all() else None
 
 
+def _is_better(
+    before: GroundLine,
+    line: GroundLine | None,
+    disparity: NDArray[np.float32],
+    camera: StereoCamera,
+    config: GroundConfig,
+) -> bool:
+    """Return whether the line of a frame shortly before suits a frame better than its own one, or than none.
+
+    A camera that has pitched up since sees ground below that line, which contradicts it. One that has pitched down sees
+    ground above it, and takes it for an obstacle.
+    """
+    if line is not None and not _is_another(line, before, camera):
+        return False
+    if line is not None and _shares(line, disparity, camera, config)[0] > _FIRM_SUPPORT:
+        return False
+    return _shares(before, disparity, camera, config)[1] <= _MAX_CONTRADICTING
+
+
+def _is_another(line: GroundLine, before: GroundLine, camera: StereoCamera) -> bool:
+    """Return whether a line is hardly that of the same ground a moment later; a wall's, most likely."""
+    height = line.camera_height_m(camera) / before.camera_height_m(camera)
+    pitch_rad = line.pitch_rad(camera) - before.pitch_rad(camera)
+    return abs(math.log(height)) > math.log(1 + _MAX_LIFT) or abs(pitch_rad) > _MAX_NOD_RAD
+
+
+def _shares(
+    line: GroundLine, disparity: NDArray[np.float32], camera: StereoCamera, config: GroundConfig
+) -> tuple[float, float]:
+    """Return which shares of the pixels below the horizon are on a line and below it; 0 and 1 where few are seen."""
+    expected = line.disparity(*disparity.shape)[::_SAMPLING, ::_SAMPLING]
+    seen = disparity[::_SAMPLING, ::_SAMPLING]
+    tolerance = 2 * config.noise_px + expected * min(config.max_step_m / line.camera_height_m(camera), _MAX_SHARE)
+    is_below_horizon = expected > tolerance
+    judged = is_below_horizon & (seen > 0)
+    above = (seen - expected)[judged]
+    if above.size <= _LEAST_SEEN * np.count_nonzero(is_below_horizon):
+        return 0.0, 1.0
+    tolerance = tolerance[judged]
+    return float(np.mean(np.abs(above) <= tolerance)), float(np.mean(above < -tolerance))
+
+
 def back_project(
     disparity: NDArray[np.float32],
     obstacles: NDArray[np.float32],
@@ -470,7 +529,8 @@ def back_project(
 
     The tolerance is the disparity's noise plus what a step of `max_step_m` makes at the pixel's distance. Where noise
     hides a height of `min_obstacle_m`, nothing is taken for ground. What stands upright is an obstacle down to its
-    contact with the ground, the row where the ground has its disparity; so is what lies below the ground.
+    contact with the ground, the row where the ground has its disparity; so is what lies below the ground, where a wheel
+    would fall into it.
 
     Parameters
     ----------
@@ -518,7 +578,7 @@ def _occupancy(
     camera_height = line.camera_height_m(camera)
     step = min(config.max_step_m / camera_height, _MAX_SHARE)
     if config.min_obstacle_m or obstacles is None:
-        return _occupancy_by_height(disparity, line, camera_height, step, config, team)
+        return _occupancy_by_height(disparity, line, camera, step, config, team)
     occupancy = np.full(disparity.shape, UNKNOWN, np.uint8)
     kernels.classify(disparity, obstacles, _coefficients(line), config.noise_px, step, occupancy)
     _fill_holes(occupancy, disparity, config.max_hole_px)
@@ -528,13 +588,13 @@ def _occupancy(
 def _occupancy_by_height(
     disparity: NDArray[np.float32],
     line: GroundLine,
-    camera_height: float,
+    camera: StereoCamera,
     step: float,
     config: GroundConfig,
     team: ThreadTeam,
 ) -> NDArray[np.uint8]:
     """Return the occupancy image by the height of pixels; `step` is a share of the camera's height."""
-    noise, coefficients = config.noise_px, _coefficients(line)
+    noise, coefficients, camera_height = config.noise_px, _coefficients(line), line.camera_height_m(camera)
     top = _rows_above_horizon(line, disparity.shape, noise, margin=max(config.max_hole_px, *_LEAST_DROP_PX))
     whole = np.empty(disparity.shape, np.uint8)
     whole[:top] = OBSTACLE
@@ -543,8 +603,7 @@ def _occupancy_by_height(
     typical, outlying = _noise_below(disparity, top, coefficients)
     stands = min(config.min_obstacle_m / camera_height, _MAX_SHARE)
     least_face = max(_SIGNIFICANT_FACE * outlying, 2 * noise)
-    typical = min(typical, noise / 2)  # where a ditch is most of what is below, it is no noise
-    least_drop = max(_SIGNIFICANT_DROP * typical, noise)
+    least_drop = max(_SIGNIFICANT_DROP * _plausible(typical, noise), noise)
     deep, margin = config.min_drop_m / camera_height, config.contact_margin
 
     def classify(first: int, end: int) -> None:
@@ -557,10 +616,28 @@ def _occupancy_by_height(
 
     team.for_bands(classify, disparity.shape[1], least_rows=_LEAST_BAND)
     if below.any():
-        opened = cv2.morphologyEx(below, cv2.MORPH_OPEN, np.ones(_LEAST_DROP_PX, np.uint8))
-        occupancy[opened > 0] = OBSTACLE
+        _mark_wide(below, expected, camera, occupancy)
     _fill_holes(occupancy, disparity, config.max_hole_px)
     return whole
+
+
+def _mark_wide(
+    below: NDArray[np.uint8], expected: NDArray[np.float32], camera: StereoCamera, occupancy: NDArray[np.uint8]
+) -> None:
+    """Mark drops among what is below the ground: all pieces beside each other that are as wide together as a wheel."""
+    opened = cv2.morphologyEx(below, cv2.MORPH_OPEN, np.ones(_LEAST_DROP_PX, np.uint8))
+    left, top, width, height = cv2.boundingRect(opened)
+    if not width:
+        return
+    aside = _LINK_PX - 1
+    part = np.s_[top : top + height, max(left - aside, 0) : left + width + aside]
+    found = opened[part]
+    linked = cv2.dilate(found, np.ones((1, _LINK_PX), np.uint8))
+    labels, stats = cv2.connectedComponentsWithStats(linked, connectivity=8)[1:3]
+    columns, rows, widths, heights = stats[1:, :4].T
+    disparity = expected[part][rows + heights // 2, columns + widths // 2]
+    wide = (widths - aside) * camera.baseline_m >= _LEAST_DROP_M * disparity
+    occupancy[part][(found > 0) & np.append(False, wide)[labels]] = OBSTACLE
 
 
 def _coefficients(line: GroundLine) -> NDArray[np.float64]:
@@ -576,18 +653,23 @@ def _rows_above_horizon(line: GroundLine, shape: tuple[int, int], noise: float, 
 
 
 def _noise_below(disparity: NDArray[np.float32], top: int, coefficients: NDArray[np.float64]) -> tuple[float, float]:
-    """Return median and 97th percentile of how far pixels below the ground are below it, in pixels.
+    """Return lower quartile and 97th percentile of how far pixels below the ground are below it, in pixels.
 
-    No thing is there, so that this is noise; but a ditch may be, which the median withstands.
+    No thing is there, so that this is noise; but a ditch may be, which the quartile withstands.
     """
     residuals = kernels.residuals_below(disparity, top, coefficients, _SAMPLING)
     if not residuals.size:
         return 0.0, 0.0
-    places = np.array([0.5, 0.97]) * (residuals.size - 1)
+    places = np.array([0.25, 0.97]) * (residuals.size - 1)
     low, high = np.floor(places).astype(int), np.ceil(places).astype(int)
     ordered = np.partition(residuals, (*low, *high))  # np.percentile takes three times as long
     typical, outlying = ordered[low] + (places - low) * (ordered[high] - ordered[low])
     return float(typical), float(outlying)
+
+
+def _plausible(typical: float, noise: float) -> float:
+    """Return what of the noise of typical pixels below the ground is noise: a ditch that is most of them is none."""
+    return min(typical, noise / 2) if typical < noise else noise / 5
 
 
 def _fill_holes(occupancy: NDArray[np.uint8], disparity: NDArray[np.float32], size: int) -> None:

@@ -9,7 +9,7 @@ import dataclasses
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from lrtrav_ros.camera import StereoCamera
 from lrtrav_ros.config import ElasConfig, ExtensionConfig, StereoConfig
 from lrtrav_ros.frame import to_grey
+from lrtrav_ros.mapping import grid, ground_disparity, points, segmentation, slopes
 from lrtrav_ros.method import (
     clustering,
     comparison,
@@ -31,6 +32,9 @@ from lrtrav_ros.method import (
     textures,
 )
 from lrtrav_ros.method.matching.elas import Elas
+from lrtrav_ros.method.matching.row_offset import row_offset
+from lrtrav_ros.pose import Pose
+from lrtrav_ros.registration import DepthRegistration
 
 Array = NDArray[Any]
 
@@ -39,6 +43,14 @@ LINE = ground.GroundLine(slope=0.5, intercept=-1.0)
 N_DISPARITIES = 8
 DTYPES = [np.dtype(name) for name in ("?", *"bBhHiIlefdFO", ">i4", ">f4", ">f8", "M8[s]", "U1")]
 SHAPES = [(1, 1), (1, 9), (9, 1), (2, 2), (12, 20)]
+
+
+class NearGround(NamedTuple):
+    """What the grid takes of the short range."""
+
+    occupancy: Array
+    disparity: Array
+    line: ground.GroundLine
 
 
 @dataclass(frozen=True)
@@ -124,6 +136,14 @@ PAIR = {
     )
     for name in matching.MATCHERS
 }
+ROWS = {
+    "row_offset": Case(
+        row_offset,
+        lambda h, w: (grey(h, w), np.roll(grey(h, w), -1, axis=1), disparity(h, w)),
+        other_types="H",
+        other_dims=(3,),
+    )
+}
 DISPARITY = {
     "detect_ground": Case(partial(ground.detect_ground, camera=CAMERA), lambda h, w: (disparity(h, w),)),
     "u_disparity": Case(partial(ground.u_disparity, n_disparities=5), lambda h, w: (disparity(h, w),)),
@@ -133,6 +153,34 @@ DISPARITY = {
         partial(ground.back_project, line=LINE, camera=CAMERA),
         lambda h, w: (disparity(h, w), np.where(rng().random((h, w)) < 0.2, disparity(h, w), np.float32(0))),
     ),
+}
+MAPS = {
+    "obstacle_points": Case(
+        partial(points.obstacle_points, line=LINE, camera=CAMERA), lambda h, w: (disparity(h, w), occupancy(h, w))
+    ),
+    "free_points": Case(partial(points.free_points, line=LINE, camera=CAMERA), lambda h, w: (occupancy(h, w),)),
+    "with_slopes": Case(
+        partial(slopes.with_slopes, line=LINE, camera=CAMERA), lambda h, w: (occupancy(h, w), disparity(h, w))
+    ),
+    "ground_line_of": Case(ground_disparity.ground_line_of, lambda h, w: (disparity(h, w),)),
+    "ground_grid": Case(
+        lambda occupancy, near, disparity: grid.ground_grid(occupancy, NearGround(near, disparity, LINE), CAMERA),
+        lambda h, w: (occupancy(h, w), occupancy(h, w), disparity(h, w)),
+    ),
+    "segmentation_mask": Case(segmentation.segmentation_mask, lambda h, w: (occupancy(h, w),)),
+    "segmentation_confidence": Case(segmentation.segmentation_confidence, lambda h, w: (occupancy(h, w),)),
+    "segmentation_points": Case(
+        partial(segmentation.segmentation_points, line=LINE, camera=CAMERA),
+        lambda h, w: (occupancy(h, w), disparity(h, w)),
+    ),
+}
+DEPTH = {
+    "registered": Case(
+        DepthRegistration(
+            CAMERA, dataclasses.replace(CAMERA, width=30, height=14), Pose.parsed("0.1 0 0.02 0 0.01 0")
+        ).registered,
+        lambda h, w: (disparity(h, w),),
+    )
 }
 IMAGE_AND_LABELS = {
     "colour_histograms": Case(features.colour_histograms, lambda h, w: (bgr(h, w), labels(h, w)), other_dims=(2,)),
@@ -203,7 +251,10 @@ FLOATS = {
 CASES = {
     **GREY,
     **PAIR,
+    **ROWS,
     **DISPARITY,
+    **MAPS,
+    **DEPTH,
     **IMAGE_AND_LABELS,
     **REGIONS,
     **SUPERPIXELS,
@@ -250,16 +301,19 @@ def assert_equal(found: object, expected: object) -> None:
 
 
 def test_table_is_complete() -> None:
-    tested = {name.split()[0] for name in CASES} | {*matching.MATCHERS}
+    tested = {name.split()[0] for name in CASES if name not in {*ROWS, *DEPTH}} | {*matching.MATCHERS}
     public = {
         name
-        for module in (ground, superpixels, textures, features, comparison, clustering, extension, propagation, memory)
+        for module in (
+            *(ground, superpixels, textures, features, comparison, clustering, extension, propagation, memory),
+            *(grid, ground_disparity, points, segmentation, slopes),
+        )
         for name, value in vars(module).items()
         if not name.startswith("_") and callable(value) and getattr(value, "__module__", "") == module.__name__
     }
     classes = {
         *("GroundLine", "ShortRange", "Texture", "Features", "PixelBins", "Comparison", "Layout", "Memory"),
-        *("Evidence", "Remembered", "Belief", "Ties", "SuperpixelGraph", "Propagation"),
+        *("Evidence", "Remembered", "Belief", "Ties", "SuperpixelGraph", "Propagation", "Grid", "NearGround"),
     }
     without_arrays = {"joined"}
     in_frame_py = {"to_grey"}
@@ -322,8 +376,13 @@ def test_layout_does_not_matter(name: str, shape: tuple[int, int]) -> None:
     "name",
     [
         *PAIR,
+        *ROWS,
         "select_cells",
         "back_project",
+        "obstacle_points",
+        "with_slopes",
+        "ground_grid",
+        "segmentation_points",
         *IMAGE_AND_LABELS,
         "extend area",
         "extend evidence",
@@ -360,7 +419,7 @@ def test_superpixels_without_a_cluster_are_refused(name: str) -> None:
         case.function(*images, of_superpixel[:-1])
 
 
-@pytest.mark.parametrize("name", DISPARITY)
+@pytest.mark.parametrize("name", [*DISPARITY, *(name for name in MAPS if name != "ground_line_of")])
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf, -5.0, 1e38, 2.0**31, 2.0**15])
 def test_no_disparity_counts_as_none(name: str, value: float) -> None:
     case, arrays = CASES[name], CASES[name].make(40, 60)

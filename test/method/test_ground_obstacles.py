@@ -258,6 +258,63 @@ def test_small_mismatches_are_no_drop() -> None:
     assert share(found, OBSTACLE, NEAR) == 0
 
 
+def across_m(width_m: float, depth_m: float) -> Mask:
+    """Return the columns in the middle that something so wide fills at a depth."""
+    return abs(u - CAMERA.cx) * depth_m / CAMERA.fx < width_m / 2
+
+
+@pytest.mark.parametrize(
+    ("width_m", "expected"), [(0.12, 0), (0.17, 0), pytest.param(0.25, 1, id="a wheel's"), (0.3, 1)]
+)
+def test_a_drop_is_as_wide_as_a_wheel(width_m: float, expected: int) -> None:
+    disparity, ditch = with_ditch(4.0, 5.0, 0.4, where=across_m(width_m, 4.3))
+    deep = ditch & (plane > 1.2 * disparity)
+    found = occupancy(noisy(disparity, 0.1))
+    assert share(found, OBSTACLE, deep) == pytest.approx(expected, abs=0.02)
+    assert share(found, OBSTACLE, NEAR & ~ditch) < 0.001
+
+
+@pytest.mark.parametrize(("gap_px", "expected"), [(3, 1), (20, 0)])
+def test_pieces_of_a_drop_beside_each_other_count_together(gap_px: int, expected: int) -> None:
+    aside = abs(u - CAMERA.cx) - gap_px / 2  # two pieces of 0.13 m, with ground between them
+    disparity, ditch = with_ditch(4.0, 5.0, 0.4, where=(aside > 0) & (aside < 0.13 * CAMERA.fx / 4.3))
+    deep = ditch & (plane > 1.2 * disparity)
+    found = occupancy(disparity)
+    assert share(found, OBSTACLE, deep) == pytest.approx(expected, abs=0.02)
+    assert share(found, GROUND, NEAR & ~ditch) == 1
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_what_ends_behind_nearer_ground_is_no_drop(seed: int) -> None:
+    spot = MIDDLE & (v > row(4.0)) & (v < row(3.0))
+    found = occupancy(noisy(np.where(spot, np.float32(9), plane), 0.1, seed))
+    assert share(found, OBSTACLE, spot) == 0
+    assert share(found, GROUND, NEAR & ~spot) == 1
+    wall = MIDDLE & (v > row(60 / 9)) & (v < row(3.0))  # as much disparity, up to the ground that has it too
+    found = occupancy(noisy(np.where(wall, np.float32(9), plane), 0.1, seed))
+    assert share(found, OBSTACLE, wall & (plane > 9.5)) > 0.98
+
+
+@pytest.mark.parametrize(("noise_px", "expected"), [(0.05, 1), (0.3, 0)])
+def test_a_drop_stands_out_from_the_noise_that_is_there(noise_px: float, expected: int) -> None:
+    rng = np.random.default_rng(4)
+    coarse = np.kron(rng.normal(0, noise_px, (HEIGHT // 10, WIDTH // 10)), np.ones((10, 10)))  # as matching leaves it
+    disparity, ditch = with_ditch(6.0, 7.0, 0.4, where=ACROSS)
+    found = occupancy((disparity + coarse).astype(np.float32))
+    deep = ditch & (plane > 1.1 * disparity)
+    assert (plane - disparity)[deep].max() < 1.6
+    assert (share(found, OBSTACLE, deep) > 0.9) == bool(expected)
+    assert share(found, OBSTACLE, NEAR & (plane > 5) & ~ditch) == 0
+
+
+@pytest.mark.parametrize("noise_px", [0.0, 0.1])
+def test_a_step_that_takes_up_most_of_the_view_is_found(noise_px: float) -> None:
+    disparity, lower = with_step_down(2.6, 0.3)
+    found = occupancy(noisy(disparity, noise_px))
+    assert lower[NEAR].mean() > 0.5
+    assert share(found, OBSTACLE, lower & (plane > 15)) > 0.95
+
+
 def test_ground_that_falls_away_gently_is_no_drop() -> None:
     curvature_per_m = 0.005  # it is 0.25 m lower at 10 m, and 1 m at 20 m
     bend = 60**2 * curvature_per_m / 2
