@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lrtrav_ros.frame import to_grey
+from lrtrav_ros.mapping.grid import FREE, OCCUPIED, Grid
 from lrtrav_ros.method.ground import GROUND, OBSTACLE
 
 _SHORT_COLOUR = (60, 200, 60)
@@ -16,6 +17,9 @@ _LONG_COLOUR = (220, 170, 40)
 _OBSTACLE_COLOUR = (60, 60, 230)
 _BORDER_COLOUR = (0, 230, 255)
 _IGNORED_COLOUR = (128, 128, 128)
+_FREE_COLOUR = (150, 215, 150)
+_UNKNOWN_COLOUR = (170, 170, 170)
+_ARC_M = 5.0
 # Vermilion and blue, which can be told apart whatever colours one sees.
 _WRONG_COLOUR = (0, 94, 213)
 _MISSED_COLOUR = (210, 114, 0)
@@ -105,6 +109,46 @@ def histogram_picture(histogram: NDArray[np.integer[Any]]) -> NDArray[np.uint8]:
     """
     logarithm = np.log1p(histogram.astype(np.float32))
     return colour_image((logarithm / max(float(logarithm.max()), 1e-6) * 255).astype(np.uint8))
+
+
+def grid_picture(grid: Grid) -> NDArray[np.uint8]:
+    """Return a grid, ahead up: free cells in green, occupied ones in red, unknown ones in grey, and an arc every 5 m.
+
+    Parameters
+    ----------
+    grid : Grid
+        The map.
+    """
+    values = grid.image
+    picture = np.full((*values.shape, 3), _UNKNOWN_COLOUR, np.uint8)
+    picture[values == FREE] = _FREE_COLOUR
+    n_x, n_y = values.shape
+    x = grid.origin_m[0] + (n_x - 0.5 - np.arange(n_x)) * grid.resolution_m
+    y = grid.origin_m[1] + (n_y - 0.5 - np.arange(n_y)) * grid.resolution_m
+    distance = np.hypot(x[:, None], y)
+    is_arc = np.abs(distance - _ARC_M * np.maximum(np.rint(distance / _ARC_M), 1)) < 0.6 * grid.resolution_m
+    _tint(picture, is_arc, (0, 0, 0), 0.25)
+    picture[values == OCCUPIED] = _OBSTACLE_COLOUR
+    return picture
+
+
+def overlay_beside_grid(overlay_picture: NDArray[np.uint8], grid: Grid) -> NDArray[np.uint8]:
+    """Return an overlay with the grid on its right, as high as the overlay or, where that is less, as its own cells.
+
+    Parameters
+    ----------
+    overlay_picture : (H, W, 3) ndarray of uint8
+        From `overlay`.
+    grid : Grid
+        The map of the same frame.
+    """
+    drawn = grid_picture(grid)
+    height = max(len(overlay_picture), len(drawn))
+    width = round(drawn.shape[1] * height / len(drawn))
+    drawn = np.asarray(cv2.resize(drawn, (width, height), interpolation=cv2.INTER_NEAREST), np.uint8)
+    missing = height - len(overlay_picture)
+    framed = np.pad(overlay_picture, ((missing // 2, missing - missing // 2), (0, 0), (0, 0)))
+    return np.hstack([framed, drawn])
 
 
 def truth_picture(left: NDArray[np.uint8], truth: NDArray[np.uint8]) -> NDArray[np.uint8]:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from lrtrav_ros.camera import StereoCamera
 from lrtrav_ros.method.ground import GroundLine
 from lrtrav_ros.numerics.checks import check_array, check_finite
+from lrtrav_ros.pose import Pose
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -49,10 +50,37 @@ class GroundFrame:
         # The ground's disparity fB / Z = line(u, v), times Z, is a plane in space: down . P = fB.
         at_centre = line.slope * camera.cy + line.intercept + line.tilt * camera.cx
         down = np.array([line.tilt * camera.fx, line.slope * camera.fy, at_centre])
-        up = -down / np.linalg.norm(down)
+        return cls.from_up(-down, line.camera_height_m(camera))
+
+    @classmethod
+    def from_up(cls, up: NDArray[np.float64], height_m: float) -> GroundFrame:
+        """Return the frame of a camera that knows where up is.
+
+        Parameters
+        ----------
+        up : (3,) ndarray of float64
+            The direction up, of any length above 0, in the camera's optical frame; not along the camera's axis.
+        height_m : float
+            Height of the camera over the ground, in metres.
+
+        Raises
+        ------
+        TypeError, ValueError
+            If there is no such frame.
+        """
+        check_array("up", up, np.float64, (3,))
+        check_finite("up", up)
+        if not up[:2].any():
+            raise ValueError(f"up is {up.tolist()}; give a direction across the camera's axis, or nothing is ahead")
+        up = up / np.linalg.norm(up)
         ahead = np.array([0.0, 0.0, 1.0]) - up[2] * up
         ahead /= np.linalg.norm(ahead)
-        return cls(np.stack([ahead, np.cross(up, ahead), up]), line.camera_height_m(camera))
+        return cls(np.stack([ahead, np.cross(up, ahead), up]), height_m)
+
+    @property
+    def up(self) -> NDArray[np.float64]:
+        """The direction up in the camera's optical frame, a unit vector (3,) of float64."""
+        return self.rotation[2]
 
     def from_camera(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return points of the camera's optical frame in this one.
@@ -83,6 +111,11 @@ class GroundFrame:
         return (points - np.array([0.0, 0.0, self.height_m])) @ self.rotation
 
     @property
+    def pose_in_camera(self) -> Pose:
+        """The pose of this frame in the camera's optical frame."""
+        return Pose(np.ascontiguousarray(self.rotation.T), -self.height_m * self.up)
+
+    @property
     def quaternion(self) -> tuple[float, float, float, float]:
         """The rotation as a unit quaternion x, y, z, w, with w at least 0: the camera's orientation in this frame."""
         from scipy.spatial.transform import Rotation
@@ -90,3 +123,8 @@ class GroundFrame:
         x, y, z, w = Rotation.from_matrix(self.rotation).as_quat()
         sign = -1.0 if w < 0 else 1.0
         return (sign * float(x), sign * float(y), sign * float(z), sign * float(w))
+
+
+def ground_frame_id(camera_frame_id: str) -> str:
+    """Return the name of the ground frame below a camera, of which `camera_frame_id` names the optical frame."""
+    return f"{camera_frame_id}_ground"

@@ -62,3 +62,17 @@ def test_quaternion_is_the_rotation():
 def test_no_rotation_and_no_height_are_refused(rotation, height_m, reason):
     with pytest.raises(ValueError, match=reason):
         GroundFrame(rotation, height_m)
+
+
+@pytest.mark.parametrize(("pitch_deg", "roll_deg"), [(0, 0), (20, 4), (-5, -30)])
+def test_up_gives_the_frame_back(pitch_deg, roll_deg):
+    frame = GroundFrame.of(line_of(height_m=0.8, pitch=math.radians(pitch_deg), roll=math.radians(roll_deg)), CAMERA)
+    again = GroundFrame.from_up(3 * frame.up, frame.height_m)
+    np.testing.assert_allclose(again.rotation, frame.rotation, atol=1e-12)
+    assert again.height_m == frame.height_m
+
+
+@pytest.mark.parametrize("up", [np.zeros(3), np.array([0.0, 0.0, -1.0]), np.array([0.0, np.nan, 0.0]), np.ones(2)])
+def test_no_direction_up_is_refused(up):
+    with pytest.raises(ValueError, match=r"up .*; give"):
+        GroundFrame.from_up(up, 1.0)
