@@ -7,7 +7,8 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 
 _DEADLINE_S = 20.0
@@ -25,34 +26,48 @@ def running(*arguments: str, log: Path) -> Iterator[subprocess.Popen[bytes]]:
             process.wait(_DEADLINE_S)
 
 
+@dataclass(frozen=True)
+class Cluster:
+    """A scheduler, and a worker that is there as long; nothing starts a worker again."""
+
+    folder: Path
+    worker: subprocess.Popen[bytes]
+
+    @property
+    def address(self) -> str:
+        return json.loads((self.folder / "scheduler.json").read_text())["address"]
+
+    @contextmanager
+    def another_worker(self) -> Iterator[subprocess.Popen[bytes]]:
+        """Start one more worker, to be killed."""
+        log = self.folder / f"worker_{time.monotonic_ns()}.log"
+        with _worker(self.folder, log) as process:
+            _wait_until_registered(log)
+            yield process
+
+
 @contextmanager
-def cluster(folder: Path, *, n_workers: int = 2) -> Iterator[tuple[str, list[subprocess.Popen[bytes]]]]:
-    """Yield the address of a scheduler and the processes of its workers, which nothing starts again."""
-    file = folder / "scheduler.json"
-    with ExitStack() as stack:
-        options = ("--host", "127.0.0.1", "--port", "0", "--no-dashboard", "--scheduler-file", str(file))
-        scheduler = stack.enter_context(
-            running("distributed.cli.dask_scheduler", *options, log=folder / "scheduler.log")
-        )
-        until(lambda: file.exists() or scheduler.poll() is not None)
-        address = json.loads(file.read_text())["address"]
-        options = (
-            address,
-            "--no-nanny",
-            "--nthreads",
-            "1",
-            "--no-dashboard",
-            "--local-directory",
-            str(folder / "work"),
-        )
-        workers = [
-            stack.enter_context(running("distributed.cli.dask_worker", *options, log=folder / f"worker_{i}.log"))
-            for i in range(n_workers)
-        ]
-        for i in range(n_workers):
-            log = folder / f"worker_{i}.log"
-            until(lambda log=log: b"Registered to" in log.read_bytes())
-        yield address, workers
+def cluster(folder: Path) -> Iterator[Cluster]:
+    """Start a cluster, whose files are in a folder."""
+    options = ("--host", "127.0.0.1", "--port", "0", "--no-dashboard")
+    file, log = ("--scheduler-file", str(folder / "scheduler.json")), folder / "worker.log"
+    with (
+        running("distributed.cli.dask_scheduler", *options, *file, log=folder / "scheduler.log"),
+        _worker(folder, log) as worker,  # it waits for the scheduler's file
+    ):
+        _wait_until_registered(log)
+        yield Cluster(folder, worker)
+
+
+def _worker(folder: Path, log: Path):
+    """Start a worker of the scheduler whose file is in a folder."""
+    file, space = ("--scheduler-file", str(folder / "scheduler.json")), ("--local-directory", str(folder / "work"))
+    options = ("--no-nanny", "--nthreads", "1", "--no-dashboard", *file, *space)
+    return running("distributed.cli.dask_worker", *options, log=log)
+
+
+def _wait_until_registered(log: Path) -> None:
+    until(lambda: b"Registered to" in log.read_bytes())
 
 
 def until(holds) -> None:

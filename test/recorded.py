@@ -6,8 +6,12 @@ import dataclasses
 import json
 from functools import lru_cache
 
+import cv2
 import numpy as np
+import pytest
 
+from lrtrav_ros.io import bag_writer
+from lrtrav_ros.io.bag_messages import ROS2
 from lrtrav_ros.io.dataset_folder import write_calibration, write_frame
 from lrtrav_ros.synthetic.rendering import render_sequence
 from lrtrav_ros.synthetic.scene_config import SceneConfig
@@ -51,3 +55,19 @@ def write_dataset(folder, frames, *, truth=False, **calibration):
         values = {**json.loads(path.read_text()), **calibration}
         path.write_text(json.dumps({name: value for name, value in values.items() if value is not None}))
     return folder
+
+
+def write_compressed_bag(path, frames, suffix=".png", **options):
+    """Write frames as a bag whose images are all compressed, as ``.png`` or ``.jpg`` files are."""
+
+    def compressed(header, image):
+        data = cv2.imencode(suffix, image)[1].reshape(-1)
+        kind = {".png": "png", ".jpg": "jpeg"}[suffix]
+        text = f"bgr8; {kind} compressed bgr8"
+        return ROS2.types["sensor_msgs/msg/CompressedImage"](header=header, format=text, data=data)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(bag_writer, "image_message", compressed)
+        patch.setattr(bag_writer, "LEFT_IMAGE", "left/image_rect/compressed")
+        patch.setattr(bag_writer, "RIGHT_IMAGE", "right/image_rect/compressed")
+        bag_writer.write_stereo_bag(path, frames, **options)

@@ -3,19 +3,28 @@
 from __future__ import annotations
 
 import argparse
+import signal
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from lrtrav_ros.commands.options import add_detection_options, add_parallel_options, config_from
+from lrtrav_ros.commands.options import (
+    add_detection_options,
+    add_parallel_options,
+    config_from,
+    topic_remap,
+)
 from lrtrav_ros.commands.usage_error import UsageError
 
 if TYPE_CHECKING:
     from lrtrav_ros.config import Config
     from lrtrav_ros.offline.detection import Outcome
 
-_EXTRAS = "disparity, superpixels, clusters, occupancy, confidence, u_disparity, v_disparity, obstacle_disparity, wld"
+_EXTRAS = (
+    "disparity, superpixels, clusters, occupancy, confidence, grid, u_disparity, v_disparity, obstacle_disparity, wld"
+)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -25,7 +34,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=Path,
         nargs="+",
         metavar="INPUT",
-        help="dataset folder, or rosbag (.bag, .mcap, .db3, folder); several can be given",
+        help="dataset folder, or rosbag (.bag, .mcap, .db3, folder; compressed with zstd or not); several can be given",
     )
     parser.add_argument(
         "--output",
@@ -37,7 +46,22 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--save", default="", metavar="LIST", help=f"what else to save: all, or a comma-separated list of {_EXTRAS}"
     )
-    parser.add_argument("--overwrite", action="store_true", help="replace an output folder that exists, when finished")
+    parser.add_argument(
+        "--output-bag",
+        type=Path,
+        metavar="OUT.mcap",
+        help="write all outputs as messages too, beside those of the rosbag INPUT, under the names that the nodes "
+        "publish; for Foxglove and `ros2 bag`",
+    )
+    parser.add_argument(
+        "--remap",
+        action="append",
+        default=[],
+        metavar="FROM:=TO",
+        help="take the rosbag's topic FROM for the input TO, such as /zed/left/color:=left/image_rect, in place of the "
+        "one that is found by its name; can be repeated",
+    )
+    parser.add_argument("--overwrite", action="store_true", help="replace outputs that exist, when finished")
     add_parallel_options(parser)
     add_detection_options(parser)
 
@@ -45,7 +69,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Detect in all frames; frames that cannot be used are skipped, counted and reported."""
     config = config_from(args)
-    extras = _extras(args.save, config)
+    extras, topics = _extras(args.save, config), _topics(args.remap)
 
     from lrtrav_ros.io.result_folder import output_folder
     from lrtrav_ros.offline.detection import detect_recording
@@ -53,12 +77,21 @@ def run(args: argparse.Namespace) -> int:
     _check_order(args, config)
     names = output_names(args.inputs)
     _check_inputs(args.inputs, args.output)
+    if args.output_bag is not None:
+        _check_output_bag(args.output_bag, args.inputs, overwrite=args.overwrite)
     failures = []
-    with output_folder(args.output, overwrite=args.overwrite) as output:
+    with _terminable(), output_folder(args.output, overwrite=args.overwrite) as output:
         for path, name in zip(args.inputs, names, strict=True):
             try:
                 outcome = detect_recording(
-                    path, output / name, config, extras=extras, jobs=args.jobs, cluster=args.cluster
+                    path,
+                    output / name,
+                    config,
+                    extras=extras,
+                    output_bag=_moved(args.output_bag, args.output, output),
+                    topics=topics,
+                    jobs=args.jobs,
+                    cluster=args.cluster,
                 )
                 _report(path, args.output / name, outcome)
             except ValueError as err:
@@ -68,6 +101,24 @@ def run(args: argparse.Namespace) -> int:
     for failure in failures:
         print(failure, file=sys.stderr)
     return 1 if failures else 0
+
+
+@contextmanager
+def _terminable() -> Iterator[None]:
+    """Let SIGTERM end the block as Ctrl-C does, so that nothing temporary stays, decompressed bags above all."""
+    before = signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
+def _topics(remaps: Sequence[str]) -> dict[str, str]:
+    """Return the topic for each input that is named."""
+    try:
+        return {name.strip("/"): topic for topic, name in map(topic_remap, remaps)}
+    except ValueError as err:
+        raise UsageError(str(err)) from err
 
 
 def _extras(text: str, config: Config) -> tuple[str, ...]:
@@ -99,6 +150,29 @@ def _check_inputs(inputs: Sequence[Path], output: Path) -> None:
             raise FileNotFoundError(f"{path}: there is no such folder or file")
         if path.resolve().is_relative_to(output.resolve()):
             raise ValueError(f"--output {output} holds the input {path}; choose another folder")
+
+
+def _check_output_bag(path: Path, inputs: Sequence[Path], *, overwrite: bool) -> None:
+    """Raise where no bag can be made of the inputs, or it cannot be written; before the work begins."""
+    from lrtrav_ros.io.recording import is_dataset_folder
+
+    if path.suffix != ".mcap":
+        raise UsageError(f"--output-bag {path}: give a file that ends in .mcap")
+    if len(inputs) > 1:
+        raise UsageError(f"--output-bag {path}: is for one input; run detect for each of the {len(inputs)} inputs")
+    if is_dataset_folder(inputs[0]):
+        raise UsageError(f"--output-bag {path}: {inputs[0]} is a dataset folder, which has no messages; give a rosbag")
+    if path.resolve().is_relative_to(inputs[0].resolve()):
+        raise UsageError(f"--output-bag {path}: is in the input {inputs[0]}; choose another place")
+    if path.exists() and not (overwrite and path.is_file()):
+        raise FileExistsError(f"{path} exists; choose another name" + ("" if path.is_dir() else " or give --overwrite"))
+
+
+def _moved(path: Path | None, folder: Path, written: Path) -> Path | None:
+    """Return where to write a file that may lie in a folder, which is written under another name until finished."""
+    if path is None or not path.resolve().is_relative_to(folder.resolve()):
+        return path
+    return written / path.resolve().relative_to(folder.resolve())
 
 
 def _report(path: Path, output: Path, outcome: Outcome) -> None:

@@ -53,6 +53,14 @@ def add_parallel_options(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def topic_remap(text: str) -> tuple[str, str]:
+    """Return both topics of ``FROM:=TO``; raises ValueError where it is none."""
+    topic, separator, name = text.partition(":=")
+    if not topic or not separator or not name:
+        raise ValueError(f"--remap {text}: write FROM:=TO, such as /cam0/image_raw:=left/image_rect")
+    return topic, name
+
+
 def positive_integer(text: str) -> int:
     """Return a whole number of at least 1; raises what argparse reports."""
     if not text.isdecimal() or int(text) < 1:

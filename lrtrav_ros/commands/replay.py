@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from lrtrav_ros.commands.options import topic_remap
 from lrtrav_ros.commands.usage_error import UsageError
 from lrtrav_ros.io.topics import PARTNER
 
@@ -25,7 +26,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.description = DESCRIPTION
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.epilog = "Everything after --ros-args goes to ROS, such as -r __ns:=/front_camera."
-    parser.add_argument("bag", type=Path, help=".bag, .mcap or .db3 file, or the folder of a ROS 2 bag")
+    parser.add_argument(
+        "bag", type=Path, help=".bag, .mcap or .db3 file, compressed with zstd or not, or a ROS 2 bag's folder"
+    )
     parser.add_argument("--rate", type=float, default=1.0, help="factor on the speed (%(default)s)")
     parser.add_argument("--loop", action="store_true", help="start over at the end, until interrupted")
     parser.add_argument("--start", type=float, default=0.0, metavar="S", help="begin this many seconds into the bag")
@@ -39,6 +42,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--source", choices=PARTNER, default="stereo", help="what to publish of a bag that holds several (%(default)s)"
+    )
+    parser.add_argument(
+        "--raw",
+        action="store_true",
+        help="publish raw pairs as left/image_raw and right/image_raw, for nodes with source.rectify",
     )
     parser.add_argument("--all", action="store_true", help="publish the bag's other topics too, such as /tf")
     parser.add_argument("--clock", action="store_true", help="publish /clock")
@@ -63,22 +71,15 @@ def _options(args: argparse.Namespace) -> ReplayOptions:
     try:
         return ReplayOptions(
             source=args.source,
+            raw=args.raw,
             rate=args.rate,
             loop=args.loop,
             start_s=args.start,
             duration_s=args.duration,
-            remap=dict(_remap(text) for text in args.remap),
+            remap=dict(map(topic_remap, args.remap)),
             all_topics=args.all,
             clock=args.clock,
             wait=not args.no_wait,
         )
     except ValueError as err:
         raise UsageError(str(err)) from err
-
-
-def _remap(text: str) -> tuple[str, str]:
-    """Return both topics of ``FROM:=TO``."""
-    topic, separator, name = text.partition(":=")
-    if not topic or not separator or not name:
-        raise ValueError(f"--remap {text}: write FROM:=TO, such as /cam0/image_raw:=left/image_rect")
-    return topic, name

@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+import heapq
 import os
-from collections.abc import Collection, Generator, Iterator
+from collections import Counter
+from collections.abc import Collection, Generator, Iterator, Mapping
 from dataclasses import dataclass
+from operator import itemgetter
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from types import TracebackType
 
-from rosbags import rosbag1, rosbag2
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
-from lrtrav_ros.io.damaged_bags import RawMessage, intact_messages, recording_files, storage_format
+from lrtrav_ros.io.bag_files import BagFile, reason, recording_files
+from lrtrav_ros.io.damaged_bags import RawMessage
+from lrtrav_ros.io.zstd_files import decompressed, is_zstd, is_zstd_file
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -38,12 +43,14 @@ class BagMessage:
 class BagReader:
     """A rosbag that is open for reading: a ``.bag``, ``.mcap`` or ``.db3`` file, or the folder of a ROS 2 bag.
 
-    One that was cut off or damaged is read without its index, as far as its messages are intact; `problems` says so.
+    The files of a folder are read together, with or without its metadata.yaml. Files that are compressed as a whole
+    (``.zstd``) are decompressed into a temporary folder until the bag is closed; messages that are, one by one. A file
+    that was cut off or damaged is read without its index, as far as its messages are intact; `problems` says so.
 
     Parameters
     ----------
     path : path
-        File or folder; the format is told from the content.
+        File or folder; format and compression are told from the content.
 
     Attributes
     ----------
@@ -51,6 +58,12 @@ class BagReader:
         Type of each topic.
     counts : dict of str to int
         Number of messages on each topic.
+    definitions : dict of str to str
+        Text of each type, where the recording has it.
+    qos : dict of str to sequence of rosbags.interfaces.Qos
+        With which quality of service each topic was published, where the recording says so.
+    typestore : rosbags.typesys.store.Typestore or None
+        The types of a ROS 1 recording, as messages are converted; None for ROS 2.
     start_ns, end_ns : int
         Times of the first and last message; 0 for a recording without messages.
     problems : list of str
@@ -68,25 +81,33 @@ class BagReader:
         self.path = Path(path)
         if not self.path.exists():
             raise FileNotFoundError(f"{self.path}: there is no such recording")
-        self._files = recording_files(self.path)
-        if not self._files and not (self.path / "metadata.yaml").exists():
-            raise ValueError(f"{self.path}: is no recording; give a .bag, .mcap or .db3 file or a ROS 2 bag's folder")
-        self.topics: dict[str, str] = {}
-        self.counts: dict[str, int] = {}
-        self.start_ns = self.end_ns = 0
         self.problems: list[str] = []
-        self._definitions: dict[str, str] = {}
-        self._reader: rosbag1.Reader | rosbag2.Reader | None = None
+        paths = recording_files(self.path, self.problems.append)
+        if not paths:
+            raise ValueError(
+                "; ".join([*self.problems, f"{self.path}: is no recording; give a .bag, .mcap or .db3 file, "])
+                + "compressed or not, or a ROS 2 bag's folder"
+            )
         self._is_closed = False
+        self._folder = TemporaryDirectory(prefix="lrtrav_ros_") if any(map(is_zstd_file, paths)) else None
+        self._files: list[BagFile] = []
         try:
-            self._open()
-        except PermissionError:
+            folder = Path(self._folder.name) if self._folder else self.path
+            self._files.extend(BagFile(file, folder, self.problems.append) for file in paths)
+        except BaseException:
+            self.close()
             raise
-        except Exception as err:  # rosbags raises anything from AssertionError to struct.error on damaged files
-            self._reader = None
-            self.problems.append(f"{self.path}: damaged or not finished ({_reason(err)}); read as far as it is intact")
-            self._scan()
-        self._typestore = _typestore(self._definitions)
+        self.topics = {topic: kind for part in self._files for topic, kind in part.topics.items()}
+        self.definitions = {kind: text for part in self._files for kind, text in part.definitions.items() if text}
+        self.counts: Counter[str] = Counter()
+        for part in self._files:
+            self.counts.update(part.counts)
+        full = [part for part in self._files if any(part.counts.values())]
+        self.start_ns = min((part.start_ns for part in full), default=0)
+        self.end_ns = max((part.end_ns for part in full), default=0)
+        self.qos = {topic: qos for part in self._files for topic, qos in part.qos.items()}
+        is_ros1 = any(part.is_ros1 for part in self._files)
+        self.typestore = _typestore(self.definitions) if is_ros1 else None
 
     def __enter__(self) -> BagReader:
         return self
@@ -98,9 +119,10 @@ class BagReader:
 
     def close(self) -> None:
         """Close the files."""
-        if self._reader is not None:
-            self._reader.close()
-            self._reader = None
+        for file in self._files:
+            file.close()
+        if self._folder is not None:
+            self._folder.cleanup()
         self._is_closed = True
 
     def messages(
@@ -122,82 +144,35 @@ class BagReader:
         """
         if self._is_closed:
             raise ValueError(f"{self.path}: is closed; open it again to read it")
-        start_ns = start_ns or 0
-        done: set[str] = set()  # topics of the messages at the last time
         wanted = set(self.topics if topics is None else topics)
-        if self._reader is not None:
-            try:
-                for raw in self._indexed(wanted, start_ns):
-                    done = done | {raw.topic} if raw.time_ns == start_ns else {raw.topic}
-                    start_ns = raw.time_ns
-                    yield from self._converted(raw)
-                return
-            except Exception as err:  # see above; the consumer's own errors do not come here
-                self.problems.append(f"{self.path}: damaged ({_reason(err)}); read as far as it is intact")
-        for raw in self._intact(wanted, report=self._reader is not None):
-            if raw.time_ns > start_ns or (raw.time_ns == start_ns and raw.topic not in done):
+        parts = [_lazy_messages(file, wanted, start_ns or 0) for file in self._files]
+        for _, raw in heapq.merge(*parts, key=itemgetter(0)):
+            if raw is not None:
                 yield from self._converted(raw)
-
-    def _open(self) -> None:
-        """Open by index, and fill in what it says."""
-        is_bag1 = self.path.is_file() and storage_format(self.path) == "rosbag1"
-        reader = rosbag1.Reader(self.path) if is_bag1 else rosbag2.Reader(self.path)
-        reader.open()
-        self._reader = reader
-        for connection in reader.connections:
-            self.topics[connection.topic] = connection.msgtype
-            self.counts[connection.topic] = self.counts.get(connection.topic, 0) + connection.msgcount
-            if is_bag1:
-                self._definitions[connection.msgtype] = _text(connection.msgdef)
-        if any(self.counts.values()):
-            self.start_ns, self.end_ns = reader.start_time, reader.end_time - 1
-
-    def _scan(self) -> None:
-        """Read the recording once without index, to know its topics, counts and times."""
-        times: list[int] = []
-        for raw in self._intact(None, report=True):
-            self.topics[raw.topic] = raw.type
-            self.counts[raw.topic] = self.counts.get(raw.topic, 0) + 1
-            if raw.definition:
-                self._definitions[raw.type] = raw.definition
-            times = [min([raw.time_ns, *times]), max([raw.time_ns, *times])]
-        if times:
-            self.start_ns, self.end_ns = times
-
-    def _indexed(self, topics: set[str], start_ns: int) -> Iterator[RawMessage]:
-        assert self._reader is not None
-        connections = [connection for connection in self._reader.connections if connection.topic in topics]
-        if connections:
-            for connection, time_ns, data in self._reader.messages(connections, start=start_ns):
-                yield RawMessage(connection.topic, connection.msgtype, "", time_ns, data)
-
-    def _intact(self, topics: set[str] | None, *, report: bool) -> Iterator[RawMessage]:
-        for path in self._files:
-            reports: list[str] = []
-            for raw in intact_messages(path, reports.append):
-                if topics is None or raw.topic in topics:
-                    yield raw
-            if report:
-                self.problems.extend(f"{path}: {text}" for text in reports)
 
     def _converted(self, raw: RawMessage) -> Iterator[BagMessage]:
         """Yield the message in CDR, unless it cannot be converted."""
         data: bytes | memoryview = raw.data
-        if self._typestore is not None:
-            try:
-                data = self._typestore.ros1_to_cdr(data, raw.type)
-            except Exception as err:  # see above
-                self.problems.append(
-                    f"{self.path}: message on {raw.topic} at {raw.time_ns} ns skipped ({_reason(err)})"
-                )
-                return
+        try:
+            if self.typestore is not None:
+                data = self.typestore.ros1_to_cdr(data, raw.type)
+            elif is_zstd(data):  # which metadata need not say
+                data = decompressed(data)
+        except Exception as err:  # rosbags raises anything from AssertionError to struct.error on damaged messages
+            self.problems.append(f"{self.path}: message on {raw.topic} at {raw.time_ns} ns skipped ({reason(err)})")
+            return
         yield BagMessage(raw.topic, raw.type, raw.time_ns, bytes(data))
 
 
-def _typestore(definitions: dict[str, str]) -> Typestore | None:
-    """Return the types that a ROS 1 bag defines; None for a ROS 2 one, of which messages need no conversion."""
-    if not definitions:
-        return None
+def _lazy_messages(file: BagFile, topics: set[str], start_ns: int) -> Iterator[tuple[int, RawMessage | None]]:
+    """Yield the times and messages of a file after its own start, so that it is not read before its turn."""
+    yield file.start_ns, None
+    for raw in file.messages(topics, start_ns):
+        yield raw.time_ns, raw
+
+
+def _typestore(definitions: Mapping[str, str]) -> Typestore:
+    """Return the types that a ROS 1 bag defines."""
     types = {}
     for kind, definition in definitions.items():
         types.update(get_types_from_msg(definition, kind))
@@ -206,12 +181,3 @@ def _typestore(definitions: dict[str, str]) -> Typestore | None:
     store = get_typestore(Stores.EMPTY)
     store.register(types)
     return store
-
-
-def _text(definition: object) -> str:
-    """Return the text of a type's definition, which rosbags wraps since version 0.10.2 or so."""
-    return str(getattr(definition, "data", definition))
-
-
-def _reason(err: Exception) -> str:
-    return str(err) or type(err).__name__

@@ -9,21 +9,14 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
 from rosbags import rosbag1, rosbag2
 from rosbags.typesys import Stores, get_typestore
 
-from lrtrav_ros.camera import StereoCamera
 from lrtrav_ros.frame import Frame
-from lrtrav_ros.io.encodings import encode_image
-from lrtrav_ros.io.image_files import DISPARITY_SCALE
+from lrtrav_ros.io.bag_messages import ROS2, camera_info_message, disparity_message, header_message, image_message
 from lrtrav_ros.io.topics import (
     DEPTH_IMAGE,
     DISPARITY,
-    DISPARITY_TYPE,
-    IMAGE_TYPE,
-    INFO_TYPE,
     LEFT_IMAGE,
     LEFT_INFO,
     RIGHT_IMAGE,
@@ -33,7 +26,6 @@ from lrtrav_ros.io.topics import (
 FORMATS = ("mcap", "sqlite3", "rosbag1")
 
 _ROS1 = get_typestore(Stores.ROS1_NOETIC)
-_ROS2 = get_typestore(Stores.ROS2_JAZZY)
 
 
 def write_stereo_bag(
@@ -110,10 +102,10 @@ class _Writer:
         """Write a message to a topic, which is made with its first one."""
         kind = message.__msgtype__
         if topic not in self._connections:
-            typestore = _ROS1 if self._is_ros1 else _ROS2
+            typestore = _ROS1 if self._is_ros1 else ROS2
             self._connections[topic] = self._bag.add_connection(topic, kind, typestore=typestore)
-        data = _ROS2.serialize_cdr(message, kind)
-        self._bag.write(self._connections[topic], time_ns, _ROS2.cdr_to_ros1(data, kind) if self._is_ros1 else data)
+        data = ROS2.serialize_cdr(message, kind)
+        self._bag.write(self._connections[topic], time_ns, ROS2.cdr_to_ros1(data, kind) if self._is_ros1 else data)
 
 
 def _checked_stamp_ns(frame: Frame) -> int:
@@ -124,73 +116,15 @@ def _checked_stamp_ns(frame: Frame) -> int:
 
 def _messages_of(frame: Frame, frame_id: str) -> Iterator[tuple[str, Any]]:
     """Yield topic and message of all that a frame holds; calibration first."""
-    header = _header(_checked_stamp_ns(frame), frame_id)
+    header = header_message(_checked_stamp_ns(frame), frame_id)
     camera, size = frame.camera, frame.shape
-    yield f"/{LEFT_INFO}", _camera_info(header, camera, size, baseline_m=0.0)
-    yield f"/{RIGHT_INFO}", _camera_info(header, camera, size, baseline_m=camera.baseline_m)
+    yield f"/{LEFT_INFO}", camera_info_message(header, camera, size, baseline_m=0.0)
+    yield f"/{RIGHT_INFO}", camera_info_message(header, camera, size, baseline_m=camera.baseline_m)
     if frame.left is not None:
-        yield f"/{LEFT_IMAGE}", _image_message(header, frame.left)
+        yield f"/{LEFT_IMAGE}", image_message(header, frame.left)
     if frame.right is not None:
-        yield f"/{RIGHT_IMAGE}", _image_message(header, frame.right)
+        yield f"/{RIGHT_IMAGE}", image_message(header, frame.right)
     if frame.disparity is not None:
-        yield f"/{DISPARITY}", _disparity_message(header, frame.disparity, camera)
+        yield f"/{DISPARITY}", disparity_message(header, frame.disparity, camera)
     if frame.depth_m is not None:
-        yield f"/{DEPTH_IMAGE}", _image_message(header, frame.depth_m)
-
-
-def _header(stamp_ns: int, frame_id: str) -> Any:
-    seconds, nanoseconds = divmod(stamp_ns, 10**9)
-    stamp = _ROS2.types["builtin_interfaces/msg/Time"](sec=seconds, nanosec=nanoseconds)
-    return _ROS2.types["std_msgs/msg/Header"](stamp=stamp, frame_id=frame_id)
-
-
-def _image_message(header: Any, image: NDArray[Any]) -> Any:
-    encoded = encode_image(image)
-    return _ROS2.types[IMAGE_TYPE](
-        header=header,
-        height=encoded.height,
-        width=encoded.width,
-        encoding=encoded.encoding,
-        is_bigendian=0,
-        step=encoded.step,
-        data=encoded.data,
-    )
-
-
-def _region(height: int, width: int) -> Any:
-    return _ROS2.types["sensor_msgs/msg/RegionOfInterest"](
-        x_offset=0, y_offset=0, height=height, width=width, do_rectify=False
-    )
-
-
-def _camera_info(header: Any, camera: StereoCamera, size: tuple[int, ...], *, baseline_m: float) -> Any:
-    """Return the calibration of the camera that stands `baseline_m` to the right of the left one."""
-    fx, fy, cx, cy = camera.fx, camera.fy, camera.cx, camera.cy
-    return _ROS2.types[INFO_TYPE](
-        header=header,
-        height=size[0],
-        width=size[1],
-        distortion_model="plumb_bob",
-        d=np.zeros(5),
-        k=np.array([fx, 0, cx, 0, fy, cy, 0, 0, 1], np.float64),
-        r=np.eye(3).reshape(-1),
-        p=np.array([fx, 0, cx, -fx * baseline_m, 0, fy, cy, 0, 0, 0, 1, 0], np.float64),
-        binning_x=0,
-        binning_y=0,
-        roi=_region(0, 0),
-    )
-
-
-def _disparity_message(header: Any, disparity: NDArray[np.float32], camera: StereoCamera) -> Any:
-    """Return a DisparityImage, of which the invalid pixels (0) are below the least valid disparity."""
-    valid = disparity[disparity > 0]
-    return _ROS2.types[DISPARITY_TYPE](
-        header=header,
-        image=_image_message(header, disparity),
-        f=camera.fx,
-        t=camera.baseline_m,
-        valid_window=_region(*disparity.shape),
-        min_disparity=float(valid.min(initial=np.inf)) if valid.size else 1.0,
-        max_disparity=float(valid.max(initial=1.0)),
-        delta_d=1 / DISPARITY_SCALE,
-    )
+        yield f"/{DEPTH_IMAGE}", image_message(header, frame.depth_m)

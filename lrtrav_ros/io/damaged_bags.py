@@ -4,20 +4,19 @@ from __future__ import annotations
 
 import bz2
 import io
-import re
 import sqlite3
 import struct
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import BinaryIO, NamedTuple
 
-Report = Callable[[str], None]
+from lrtrav_ros.io.zstd_files import decompressed
 
-_MAGIC = {b"#ROSBAG V2.0": "rosbag1", b"\x89MCAP0\r\n": "mcap", b"SQLite format 3\0": "sqlite3"}
+Report = Callable[[str], None]
 
 
 class RawMessage(NamedTuple):
-    """A message as it stands in a file: ROS 1 or CDR bytes; `definition` is the text of its type, for ROS 1 only."""
+    """A message as it stands in a file: ROS 1 or CDR bytes; `definition` is the text of its type, if it is known."""
 
     topic: str
     type: str
@@ -26,30 +25,18 @@ class RawMessage(NamedTuple):
     data: bytes
 
 
-def storage_format(path: Path) -> str | None:
-    """Return ``rosbag1``, ``mcap`` or ``sqlite3`` by a file's first bytes, None for any other file."""
-    with path.open("rb") as file:
-        start = file.read(16)
-    return next((name for magic, name in _MAGIC.items() if start.startswith(magic)), None)
-
-
-def recording_files(path: Path) -> list[Path]:
-    """Return the files of a recording that hold messages, in the order in which they were written."""
-    files = [path] if path.is_file() else [file for file in path.iterdir() if file.is_file()]
-    return sorted((file for file in files if storage_format(file)), key=_numbered)
-
-
-def intact_messages(path: Path, report: Report) -> Iterator[RawMessage]:
+def intact_messages(path: Path, kind: str, report: Report) -> Iterator[RawMessage]:
     """Yield the messages of a file in file order, without the use of an index.
 
     Parameters
     ----------
     path : Path
-        File of a format that `storage_format` knows.
+        File that is not compressed as a whole.
+    kind : str
+        ``rosbag1``, ``mcap`` or ``sqlite3``.
     report : callable
         Is called with what is damaged; the file's name stands before it.
     """
-    kind = storage_format(path)
     if kind == "sqlite3":
         yield from _sqlite_messages(path, report)
         return
@@ -60,11 +47,6 @@ def intact_messages(path: Path, report: Report) -> Iterator[RawMessage]:
         else:
             file.readline()
             yield from _bag_messages(_guarded(_bag_records, file, report))
-
-
-def _numbered(path: Path) -> list[int | str]:
-    """Return a key that sorts name_2 before name_10."""
-    return [int(part) if part.isdigit() else part for part in re.split(r"(\d+)", path.name)]
 
 
 Record = tuple[dict[bytes, bytes], bytes]
@@ -98,19 +80,27 @@ def _mcap_records(file: BinaryIO, report: Report) -> Iterator[Record]:
 
 def _mcap_messages(records: Iterator[Record]) -> Iterator[RawMessage]:
     """Yield the messages among the records of an MCAP file."""
-    schemas: dict[int, str] = {}
-    channels: dict[int, tuple[str, str]] = {}
+    schemas: dict[int, tuple[str, str]] = {}
+    channels: dict[int, tuple[str, str, str]] = {}
     for header, content in records:
         opcode = header[b"op"][0]
         if opcode == 0x03:
-            schemas[struct.unpack_from("<H", content)[0]] = _mcap_string(content, 2)
+            schemas[struct.unpack_from("<H", content)[0]] = _mcap_schema(content)
         elif opcode == 0x04:
             channel, schema = struct.unpack_from("<HH", content)
-            channels[channel] = (_mcap_string(content, 4), schemas.get(schema, ""))
+            channels[channel] = (_mcap_string(content, 4), *schemas.get(schema, ("", "")))
         elif opcode == 0x05:
             channel, _, time_ns, _ = struct.unpack_from("<HIQQ", content)
             if channel in channels:
-                yield RawMessage(*channels[channel], "", time_ns, content[22:])
+                yield RawMessage(*channels[channel], time_ns, content[22:])
+
+
+def _mcap_schema(content: bytes) -> tuple[str, str]:
+    """Return name and text of a type."""
+    name = _mcap_string(content, 2)
+    encoding_at = 2 + 4 + len(name.encode())
+    text_at = encoding_at + 4 + len(_mcap_string(content, encoding_at).encode())
+    return name, _mcap_string(content, text_at)
 
 
 def _mcap_string(content: bytes, offset: int) -> str:
@@ -195,19 +185,8 @@ def _unpacked(data: bytes, compression: str) -> bytes:
 
         return bytes(lz4.frame.LZ4FrameDecompressor().decompress(data))
     if compression == "zstd":
-        return _unpacked_zstd(data)
+        return decompressed(data)
     raise ValueError(f"compression {compression!r} is not known")
-
-
-def _unpacked_zstd(data: bytes) -> bytes:
-    """Decompress with the package that comes with rosbags: another one before version 0.11."""
-    try:
-        from backports import zstd
-    except ImportError:
-        import zstandard  # type: ignore[import-not-found, unused-ignore]
-
-        return bytes(zstandard.ZstdDecompressor().decompressobj().decompress(data))
-    return zstd.ZstdDecompressor().decompress(data)
 
 
 def _whole(file: BinaryIO, size: int) -> bytes:

@@ -11,17 +11,28 @@ from numpy.typing import NDArray
 
 from lrtrav_ros.frame import Image
 from lrtrav_ros.io.image_files import decode_file
+from lrtrav_ros.io.rvl import decode_rvl
 
 Buffer: TypeAlias = bytes | bytearray | memoryview | NDArray[np.uint8]
 
 
 @dataclass(frozen=True, slots=True)
 class _Encoding:
-    """Layout of the pixels of one encoding, and the OpenCV code that makes them grey or BGR."""
+    """Layout of the pixels of one encoding, and the OpenCV code that makes them grey or BGR.
+
+    Blocks of `block_rows` x `block_columns` pixels share a colour; where they have two rows, the colours follow the
+    brightness in rows of their own.
+    """
 
     dtype: str
     channels: int = 1
     conversion: int | None = None
+    block_rows: int = 1
+    block_columns: int = 1
+
+    def n_rows(self, height: int) -> int:
+        """Return the number of rows of data of an image of this height in pixels."""
+        return height * 3 // 2 if self.block_rows == 2 else height
 
 
 # OpenCV names a Bayer pattern by the second and third pixel of its second row, ROS by the first four pixels.
@@ -38,8 +49,19 @@ _ENCODINGS = {
     "rgb8": _Encoding("u1", 3, cv2.COLOR_RGB2BGR),
     "bgra8": _Encoding("u1", 4, cv2.COLOR_BGRA2BGR),
     "rgba8": _Encoding("u1", 4, cv2.COLOR_RGBA2BGR),
+    "bgr16": _Encoding("u2", 3),
+    "rgb16": _Encoding("u2", 3, cv2.COLOR_RGB2BGR),
+    "bgra16": _Encoding("u2", 4, cv2.COLOR_BGRA2BGR),
+    "rgba16": _Encoding("u2", 4, cv2.COLOR_RGBA2BGR),
+    "yuv422": _Encoding("u1", 2, cv2.COLOR_YUV2BGR_UYVY, block_columns=2),
+    "uyvy": _Encoding("u1", 2, cv2.COLOR_YUV2BGR_UYVY, block_columns=2),
+    "yuv422_yuy2": _Encoding("u1", 2, cv2.COLOR_YUV2BGR_YUY2, block_columns=2),
+    "yuyv": _Encoding("u1", 2, cv2.COLOR_YUV2BGR_YUY2, block_columns=2),
+    "nv12": _Encoding("u1", 1, cv2.COLOR_YUV2BGR_NV12, block_rows=2, block_columns=2),
+    "nv21": _Encoding("u1", 1, cv2.COLOR_YUV2BGR_NV21, block_rows=2, block_columns=2),
     "8UC1": _Encoding("u1"),
     "8UC3": _Encoding("u1", 3),
+    "8UC4": _Encoding("u1", 4, cv2.COLOR_BGRA2BGR),
     "16UC1": _Encoding("u2"),
     "32FC1": _Encoding("f4"),
     **{f"{name}8": _Encoding("u1", 1, code) for name, code in _BAYER.items()},
@@ -67,7 +89,7 @@ def decode_image(
     Parameters
     ----------
     data : bytes-like
-        Bytes of the image, at least ``step * height``.
+        Bytes of the image, at least ``step * height``; half as many again for ``nv12`` and ``nv21``.
     encoding : str
         One of `ENCODINGS`.
     height, width : int
@@ -80,22 +102,24 @@ def decode_image(
     Returns
     -------
     (height, width) or (height, width, 3) ndarray
-        A contiguous copy in the machine's byte order: BGR for colour and Bayer encodings, else grey or depth; uint8,
-        uint16 (``mono16``, ``16UC1``, ``bayer_*16``) or float32 (``32FC1``). It is writable, as kernels want it.
+        A contiguous copy in the machine's byte order: BGR for colour, YUV and Bayer encodings, else grey or depth;
+        uint8, uint16 (encodings with 16 in their name) or float32 (``32FC1``). It is writable, as kernels want it.
 
     Raises
     ------
     ValueError
-        If the encoding is unknown, a size is not positive, `step` is too small for a row, or `data` is too short.
+        If the encoding is unknown, a size is not positive, or odd where pixels share their colour, `step` is too small
+        for a row, or `data` is too short.
     """
     pixel = _ENCODINGS.get(encoding)
     if pixel is None:
         raise ValueError(f"image encoding is {encoding!r}; give one of {', '.join(ENCODINGS)}")
     dtype = np.dtype(f"{'>' if is_bigendian else '<'}{pixel.dtype}")
-    row_bytes = width * pixel.channels * dtype.itemsize
+    row_bytes, n_rows = width * pixel.channels * dtype.itemsize, pixel.n_rows(height)
     buffer = np.frombuffer(data, np.uint8)
-    _check_layout(buffer.size, height=height, width=width, step=step, row_bytes=row_bytes)
-    rows = buffer[: step * height].reshape(height, step)[:, :row_bytes]
+    _check_size(encoding, pixel, height=height, width=width)
+    _check_layout(buffer.size, n_rows=n_rows, width=width, step=step, row_bytes=row_bytes)
+    rows = buffer[: step * n_rows].reshape(n_rows, step)[:, :row_bytes]
     # Conversion makes a copy of its own.
     is_to_copy = pixel.conversion is None and rows.flags.c_contiguous
     image = np.ascontiguousarray(rows).view(dtype).astype(dtype.newbyteorder("="), copy=is_to_copy)
@@ -124,14 +148,21 @@ def decode_message(message: Any) -> Image:
     )
 
 
-def _check_layout(n_bytes: int, *, height: int, width: int, step: int, row_bytes: int) -> None:
-    """Raise ValueError where the sizes of an image do not fit each other."""
+def _check_size(encoding: str, pixel: _Encoding, *, height: int, width: int) -> None:
+    """Raise ValueError where an image has no pixels, or its size is odd but its pixels share colours."""
     if height <= 0 or width <= 0:
         raise ValueError(f"image is {width} x {height} pixels (width x height); both must be positive")
+    if height % pixel.block_rows or width % pixel.block_columns:
+        block = f"{pixel.block_columns} x {pixel.block_rows}"
+        raise ValueError(f"image is {width} x {height} pixels; {encoding} needs a multiple of {block}")
+
+
+def _check_layout(n_bytes: int, *, n_rows: int, width: int, step: int, row_bytes: int) -> None:
+    """Raise ValueError where rows and data of an image do not fit each other."""
     if step < row_bytes:
         raise ValueError(f"image step is {step} bytes; a row of {width} pixels needs at least {row_bytes}")
-    if n_bytes < step * height:
-        raise ValueError(f"image data has {n_bytes} bytes; {height} rows of {step} bytes need {step * height}")
+    if n_bytes < step * n_rows:
+        raise ValueError(f"image data has {n_bytes} bytes; {n_rows} rows of {step} bytes need {step * n_rows}")
 
 
 def decode_compressed(data: Buffer, format: str) -> Image:  # noqa: A002 - the field's name in the message
@@ -140,9 +171,11 @@ def decode_compressed(data: Buffer, format: str) -> Image:  # noqa: A002 - the f
     Parameters
     ----------
     data : bytes-like
-        A JPEG or PNG file; after 12 bytes of header where `format` says ``compressedDepth``.
+        A JPEG or PNG file. Where `format` says ``compressedDepth``, 12 bytes of header and a PNG file, or for RVL
+        width and height, 4 bytes each, and what `decode_rvl` takes.
     format : str
-        As image_transport writes it: ``jpeg``, ``png``, ``rgb8; jpeg compressed bgr8``, ``16UC1; compressedDepth``.
+        As image_transport writes it: ``jpeg``, ``png``, ``rgb8; jpeg compressed bgr8``, ``16UC1; compressedDepth``,
+        ``32FC1; compressedDepth rvl``.
 
     Returns
     -------
@@ -152,11 +185,11 @@ def decode_compressed(data: Buffer, format: str) -> Image:  # noqa: A002 - the f
     Raises
     ------
     ValueError
-        If the data is no whole JPEG or PNG file.
+        If the data is no whole JPEG or PNG file, or no whole depth image.
     """
     encoding, _, compression = (part.strip() for part in format.partition(";"))
     if "compressedDepth" in format:
-        return _decode_compressed_depth(bytes(data), encoding)
+        return _decode_compressed_depth(bytes(data), encoding, is_rvl="rvl" in compression)
     image = decode_file(bytes(data), f"compressed image of format {format!r}")
     pixel = _ENCODINGS.get(encoding)
     if image.ndim == 2 and pixel is not None and encoding.startswith("bayer_"):
@@ -165,12 +198,12 @@ def decode_compressed(data: Buffer, format: str) -> Image:  # noqa: A002 - the f
     return cv2.cvtColor(image, cv2.COLOR_RGB2BGR) if "compressed rgb" in compression and image.ndim == 3 else image
 
 
-def _decode_compressed_depth(data: bytes, encoding: str) -> Image:
-    """Return 16UC1 as it is; 32FC1 is stored as a + b / depth, after a header of one integer, a and b."""
-    header, file = data[:12], data[12:]
+def _decode_compressed_depth(data: bytes, encoding: str, *, is_rvl: bool) -> Image:
+    """Return 16UC1 as it is; 32FC1 is stored as a / depth + b, after a header of one integer, a and b."""
+    header, rest = data[:12], data[12:]
     if len(header) < 12 or encoding not in ("16UC1", "32FC1"):
-        raise ValueError(f"compressed depth of encoding {encoding!r} and {len(data)} bytes; give 16UC1 or 32FC1 as PNG")
-    image = decode_file(file, "compressed depth (RVL is not supported; use png)")
+        raise ValueError(f"compressed depth of encoding {encoding!r} and {len(data)} bytes; give 16UC1 or 32FC1")
+    image = _decode_sized_rvl(rest) if is_rvl else decode_file(rest, "compressed depth")
     if encoding == "16UC1":
         return image
     scale, offset = np.frombuffer(header, "<f4", offset=4)
@@ -178,6 +211,14 @@ def _decode_compressed_depth(data: bytes, encoding: str) -> Image:
     with np.errstate(divide="ignore", invalid="ignore"):  # what is not finite counts as none
         np.divide(scale, image - offset, out=depth, where=image > 0)
     return depth
+
+
+def _decode_sized_rvl(data: bytes) -> NDArray[np.uint16]:
+    """Return the image of RVL data after its width and height."""
+    if len(data) < 8:
+        raise ValueError(f"compressed depth has {len(data)} bytes after its header; RVL begins with width and height")
+    width, height = (int(size) for size in np.frombuffer(data, "<u4", 2))
+    return decode_rvl(data[8:], height=height, width=width)
 
 
 def encode_image(image: Image) -> EncodedImage:

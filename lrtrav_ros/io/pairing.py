@@ -28,12 +28,15 @@ class TopicQueue(Generic[_Item]):
         Name of the topic.
     capacity : int
         Largest number of messages that wait; one that this many have come after waits no longer.
-    received : int
-        Messages that came.
-    last_stamp_ns, last_paired_ns : int, optional
-        Stamps of the last message and of the last that was paired; None before the first.
+    received, damaged : int
+        Messages that came, and those of them that were too damaged to have a stamp.
+    unpaired : int
+        Messages that were given up without a partner.
+    last_stamp_ns : int, optional
+        Stamp of the last message; None before the first.
     is_ordered : bool
-        The partners come in the order of their stamps, so that a pair makes those useless that wait for earlier ones.
+        A pair makes the messages useless that came before it and have earlier stamps: the partners come in the order
+        of their stamps, or a late one is no longer wanted.
     waiting : dict of int to message
         By stamp in nanoseconds, in order of arrival.
     """
@@ -41,12 +44,12 @@ class TopicQueue(Generic[_Item]):
     topic: str
     capacity: int = CAPACITY
     received: int = 0
+    damaged: int = 0
+    unpaired: int = 0
     last_stamp_ns: int | None = None
-    last_paired_ns: int | None = None
     is_ordered: bool = False
     waiting: dict[int, _Item] = field(default_factory=dict)
     _arrivals: dict[int, int] = field(default_factory=dict)
-    _pushed_out: int = 0
 
     def count(self, stamp_ns: int) -> None:
         """Count a message that came."""
@@ -55,6 +58,11 @@ class TopicQueue(Generic[_Item]):
         oldest = next(iter(self.waiting), None)
         if oldest is not None and self.received - self._arrivals[oldest] > self.capacity:
             self._push_out(oldest)
+
+    def count_damaged(self) -> None:
+        """Count a message that came without a legible stamp."""
+        self.received += 1
+        self.damaged += 1
 
     def add(self, stamp_ns: int, item: _Item) -> None:
         """Let a message wait; it takes the place of an earlier one with its stamp."""
@@ -72,8 +80,7 @@ class TopicQueue(Generic[_Item]):
         return self.waiting.pop(stamp_ns)
 
     def mark_paired(self, stamp_ns: int) -> None:
-        """Note the stamp of a pair; where partners come in order, older messages that arrived before it go."""
-        self.last_paired_ns = stamp_ns
+        """Where the topic is ordered, give up the older messages that arrived before that of this stamp."""
         if self.is_ordered:
             for earlier_ns in list(takewhile(lambda stamp: stamp != stamp_ns, self.waiting)):
                 if earlier_ns < stamp_ns:
@@ -82,14 +89,7 @@ class TopicQueue(Generic[_Item]):
     def _push_out(self, stamp_ns: int) -> None:
         """Give up waiting for a message's partner."""
         del self.waiting[stamp_ns], self._arrivals[stamp_ns]
-        self._pushed_out += 1
-
-    @property
-    def unpaired(self) -> int:
-        """Messages that were pushed out, or wait although a later one is paired."""
-        if self.last_paired_ns is None:
-            return self._pushed_out
-        return self._pushed_out + sum(stamp < self.last_paired_ns for stamp in self.waiting)
+        self.unpaired += 1
 
     def nearest(self, stamp_ns: int) -> int | None:
         """Return the stamp [ns] nearest to `stamp_ns` among the messages that wait; None where none does."""
@@ -97,7 +97,8 @@ class TopicQueue(Generic[_Item]):
 
     def __str__(self) -> str:
         stamp = "none yet" if self.last_stamp_ns is None else f"last stamp {self.last_stamp_ns / 1e9:.6f}"
-        return f"{self.topic}: {self.received} received, {stamp}"
+        damaged = f", {self.damaged} of them damaged" if self.damaged else ""
+        return f"{self.topic}: {self.received} received{damaged}, {stamp}"
 
 
 class StampPairing(Generic[_First, _Second]):

@@ -18,13 +18,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lrtrav_ros.camera import StereoCamera
-from lrtrav_ros.config import Config
+from lrtrav_ros.config import Config, MapsConfig
 from lrtrav_ros.detector import Detection, StageTimes
 from lrtrav_ros.frame import to_grey
 from lrtrav_ros.io import pictures
 from lrtrav_ros.io.atomic_files import write_bytes
 from lrtrav_ros.io.image_files import encode_file, scaled_disparity
+from lrtrav_ros.io.output_messages import FrameOutputs
 from lrtrav_ros.io.parameter_file import dump_parameters
+from lrtrav_ros.mapping.grid import ground_grid
 from lrtrav_ros.method.ground import NO_GROUND
 from lrtrav_ros.method.textures import weber_descriptor
 
@@ -32,7 +34,7 @@ _RULE_WITH_CONFIDENCE = "propagation"
 _NO_CONFIDENCE = f"cannot save 'confidence': only the rule {_RULE_WITH_CONFIDENCE} finds it; set extension.rule to that"
 
 
-def _confidence(detection: Detection) -> NDArray[np.uint8]:
+def _confidence(detection: Detection, *_: object) -> NDArray[np.uint8]:
     """Return how sure the mask is; raises ValueError where the rule does not say."""
     confidence = detection.long_range.confidence
     if confidence is None:
@@ -40,17 +42,23 @@ def _confidence(detection: Detection) -> NDArray[np.uint8]:
     return confidence
 
 
+def _grid(detection: Detection, camera: StereoCamera, maps: MapsConfig | None) -> NDArray[np.uint8]:
+    """Return the ground ahead as a picture."""
+    return ground_grid(detection.long_range.occupancy, detection.short_range, camera, maps).image
+
+
 # What --save can add, each in a folder of its name.
-EXTRAS: dict[str, Callable[[Detection], NDArray[Any]]] = {
-    "disparity": lambda detection: scaled_disparity(detection.disparity),
-    "superpixels": lambda detection: detection.superpixels.astype(np.uint16),
-    "clusters": lambda detection: detection.clusters.astype(np.uint16),
-    "occupancy": lambda detection: detection.long_range.occupancy,
+EXTRAS: dict[str, Callable[[Detection, StereoCamera, MapsConfig | None], NDArray[Any]]] = {
+    "disparity": lambda detection, *_: scaled_disparity(detection.disparity),
+    "superpixels": lambda detection, *_: detection.superpixels.astype(np.uint16),
+    "clusters": lambda detection, *_: detection.clusters.astype(np.uint16),
+    "occupancy": lambda detection, *_: detection.long_range.occupancy,
     "confidence": _confidence,
-    "u_disparity": lambda detection: pictures.histogram_picture(detection.short_range.u_disparity),
-    "v_disparity": lambda detection: pictures.histogram_picture(detection.short_range.v_disparity),
-    "obstacle_disparity": lambda detection: pictures.disparity_picture(detection.short_range.obstacle_disparity),
-    "wld": lambda detection: weber_descriptor(to_grey(detection.image)),
+    "grid": _grid,
+    "u_disparity": lambda detection, *_: pictures.histogram_picture(detection.short_range.u_disparity),
+    "v_disparity": lambda detection, *_: pictures.histogram_picture(detection.short_range.v_disparity),
+    "obstacle_disparity": lambda detection, *_: pictures.disparity_picture(detection.short_range.obstacle_disparity),
+    "wld": lambda detection, *_: weber_descriptor(to_grey(detection.image)),
 }
 
 _GROUND_COLUMNS = ("slope", "intercept", "tilt", "horizon_row", "camera_height_m", "pitch_deg", "roll_deg")
@@ -74,10 +82,13 @@ class FrameResult:
         Its row of ``frames.csv``, by column.
     files : dict of str to bytes
         Content of its files by their paths in the output folder; none where the frame could not be used.
+    outputs : FrameOutputs, optional
+        The same as messages, where a bag is to be written.
     """
 
     row: dict[str, str]
     files: dict[str, bytes]
+    outputs: FrameOutputs | None = None
 
     @property
     def name(self) -> str:
@@ -90,14 +101,21 @@ class FrameResult:
         return self.row.get("problem", "")
 
 
-def frame_result(name: str, detection: Detection, camera: StereoCamera, *, extras: Collection[str] = ()) -> FrameResult:
+def frame_result(
+    name: str,
+    detection: Detection,
+    camera: StereoCamera,
+    *,
+    extras: Collection[str] = (),
+    maps: MapsConfig | None = None,
+) -> FrameResult:
     """Return the output of a frame in which something was detected; `extras` are names out of `EXTRAS`."""
     short, long = detection.short_range, detection.long_range
     images = {
         f"short_range/{name}.png": short.mask,
         f"long_range/{name}.png": long.mask,
         f"overlay/{name}.jpg": pictures.overlay(detection.image, short.occupancy, long.occupancy),
-        **{f"{extra}/{name}.png": EXTRAS[extra](detection) for extra in extras},
+        **{f"{extra}/{name}.png": EXTRAS[extra](detection, camera, maps) for extra in extras},
     }
     return FrameResult(
         _row(name, detection, camera), {path: encode_file(path, image) for path, image in images.items()}

@@ -9,6 +9,7 @@ import signal
 import sys
 import time
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -26,8 +27,8 @@ from lrtrav_ros.io import topics
 from lrtrav_ros.io.bag_reader import BagReader
 from lrtrav_ros.nodes.shared_memory import IMAGES_PROFILE, use_segment
 
-_IMAGES = frozenset((topics.LEFT_IMAGE, *topics.PARTNER.values()))
-_INPUTS = _IMAGES | {topics.LEFT_INFO, topics.RIGHT_INFO}
+_IMAGES = frozenset((topics.LEFT_IMAGE, *topics.PARTNER.values(), topics.LEFT_RAW, topics.RIGHT_RAW))
+_INPUTS = _IMAGES | {topics.LEFT_INFO, topics.RIGHT_INFO, topics.DEPTH_INFO}
 _QUEUE_DEPTH = 10
 _STEP_S = 0.02  # longest sleep: the clock goes on, and a signal is noticed
 _SILENT_S = 4.0  # discovery takes up to three seconds; do not report waiting earlier
@@ -48,6 +49,8 @@ class ReplayOptions:
     ----------
     source : str
         What the detector works on, where the bag holds several: ``stereo``, ``disparity`` or ``depth``.
+    raw : bool
+        Publish the raw images of stereo pairs as such, for nodes that rectify.
     rate : float
         Factor on the speed, above 0.
     loop : bool
@@ -66,6 +69,7 @@ class ReplayOptions:
     """
 
     source: str = "stereo"
+    raw: bool = False
     rate: float = 1.0
     loop: bool = False
     start_s: float = 0.0
@@ -137,7 +141,7 @@ def published_names(types: Mapping[str, str], options: ReplayOptions) -> dict[st
             raise ValueError(f"has no topic {topic!r} to remap; there are {', '.join(sorted(types)) or 'none'}")
     names = {topic: topic for topic in types} if options.all_topics else {}
     try:
-        _, found = topics.find_inputs(types, options.source, inputs)
+        found = _found_inputs(types, options, inputs)
     except ValueError:
         if inputs or not (names or others):
             raise
@@ -145,6 +149,16 @@ def published_names(types: Mapping[str, str], options: ReplayOptions) -> dict[st
     names.update({topic: f"{name}{_transport(topic, types[topic])}" for name, topic in found.items()})
     names.update(others)
     return names
+
+
+def _found_inputs(types: Mapping[str, str], options: ReplayOptions, inputs: Mapping[str, str]) -> dict[str, str]:
+    """Return the bag's topics by the names of the inputs, the calibration of depth among them if there is one."""
+    source, found = topics.find_inputs(types, options.source, inputs, rectify=options.raw)
+    if source == "depth":
+        with suppress(ValueError):
+            source, found_too = topics.find_inputs(types, source, inputs, register=True)
+            return found_too if source == "depth" else found
+    return found
 
 
 def _transport(topic: str, kind: str) -> str:
@@ -234,6 +248,7 @@ class _BagPlayer:
         roles = {_role(name) for name in names}
         source = next((source for source, partner in topics.PARTNER.items() if partner in roles), "stereo")
         settings = [f" -p source:={source}"] if source != "stereo" else []
+        settings += [" -p source.rectify:=true"] if topics.RIGHT_RAW in roles else []
         settings += [" -p source.compressed:=true"] if any("/compressed" in name for name in names) else []
         ros_args = f" --ros-args{''.join(settings)}" if settings else ""
         return f"start them with `ros2 run lrtrav_ros detector{ros_args}`, or begin at once with --no-wait"

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import dataclasses
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import lru_cache, partial
 from pathlib import Path
@@ -13,8 +15,10 @@ from tqdm import tqdm
 
 from lrtrav_ros.config import Config
 from lrtrav_ros.detector import Detector
-from lrtrav_ros.io.bag_frames import UnusableFrame
+from lrtrav_ros.io.bag_frames import StereoBag, UnusableFrame
 from lrtrav_ros.io.dataset_folder import FrameFile
+from lrtrav_ros.io.output_bag import OutputBag
+from lrtrav_ros.io.output_messages import OutputLayout, frame_outputs
 from lrtrav_ros.io.recording import RecordedFrame, Recording, open_recording
 from lrtrav_ros.io.result_folder import FrameResult, ResultFolder, frame_result, unusable_frame
 from lrtrav_ros.offline.parallel import TaskFailure, run_tasks
@@ -44,11 +48,15 @@ class Outcome:
 
 @dataclass(frozen=True, slots=True)
 class DetectionTask:
-    """A frame to detect in, and how; `extras` are names out of `result_folder.EXTRAS`."""
+    """A frame to detect in, and how.
+
+    `extras` are names out of `result_folder.EXTRAS`; with `layout`, the result holds messages too.
+    """
 
     item: RecordedFrame
     config: Config
     extras: tuple[str, ...] = ()
+    layout: OutputLayout | None = None
 
 
 def detect_recording(
@@ -57,6 +65,8 @@ def detect_recording(
     config: Config,
     *,
     extras: tuple[str, ...] = (),
+    output_bag: Path | None = None,
+    topics: Mapping[str, str] | None = None,
     jobs: int = 1,
     cluster: str | None = None,
 ) -> Outcome:
@@ -64,7 +74,9 @@ def detect_recording(
 
     Frames that cannot be used are skipped. The files do not depend on `jobs` and `cluster`, for which see
     `parallel.run_tasks`; only this process writes. A bag is read by this process, a folder's frames by those that
-    detect in them. A memory (``memory.frames``) is empty when the recording begins.
+    detect in them. Memories (``memory.frames``, ``ground.memory_s``) are empty when the recording begins. `output_bag`
+    is the MCAP file to make of a bag, see `output_bag.OutputBag`, or to replace, when a frame could be used and all is
+    done. `topics` are the bag's for the inputs that are not to be searched for, see `StereoBag`.
 
     Raises
     ------
@@ -74,21 +86,49 @@ def detect_recording(
     check_order(config, jobs=jobs, cluster=cluster)
     is_here = jobs == 1 and cluster is None
     detect = partial(detect_frame, detector=Detector(config)) if is_here else detect_frame
-    with open_recording(path, config.source) as recording, ResultFolder(output, config) as folder:
-        tasks = _tasks(recording, config, extras, single_threaded=not is_here)
+    with ExitStack() as stack:
+        recording = stack.enter_context(open_recording(path, config.source, topics=topics))
+        folder = stack.enter_context(ResultFolder(output, config))
+        bag = None if output_bag is None else stack.enter_context(_output_bag(output_bag, recording))
+        layout = None if bag is None else bag.layout
+        tasks = _tasks(recording, config, extras, layout, single_threaded=not is_here)
         results = run_tasks(detect, tasks, jobs=jobs, cluster=cluster)
-        n_done = n_without_ground = 0
-        skipped = []
-        for result in tqdm(results, desc=path.name, total=len(recording), unit="frame", disable=None):
-            if isinstance(result, TaskFailure):
-                raise RuntimeError(result.message)
-            folder.write(result)
-            n_done += bool(result.files)
-            n_without_ground += bool(result.files and result.problem)
-            if not result.files:
-                skipped.append(f"{path}: skipped frame {result.name}: {result.problem}")
-        problems = tuple(dict.fromkeys([*recording.problems, *skipped]))  # a bag has named its own
-        return Outcome(n_done, len(skipped), n_without_ground, problems)
+        bar = tqdm(results, desc=path.name, total=len(recording), unit="frame", disable=None)
+        return _written(bar, path, recording, folder, bag)
+
+
+def _output_bag(path: Path, recording: Recording) -> OutputBag:
+    if not isinstance(recording, StereoBag):
+        raise ValueError(
+            f"an output bag ({path}) holds the messages of a bag beside the outputs; give a rosbag as input"
+        )
+    return OutputBag(path, recording)
+
+
+def _written(
+    results: Iterable[FrameResult | TaskFailure],
+    path: Path,
+    recording: Recording,
+    folder: ResultFolder,
+    bag: OutputBag | None,
+) -> Outcome:
+    """Write the results of the frames as they come, and count them."""
+    n_done = n_without_ground = 0
+    skipped = []
+    for result in results:
+        if isinstance(result, TaskFailure):
+            raise RuntimeError(result.message)
+        folder.write(result)
+        if bag is not None and result.outputs is not None:
+            bag.write(result.outputs)
+        n_done += bool(result.files)
+        n_without_ground += bool(result.files and result.problem)
+        if not result.files:
+            skipped.append(f"{path}: skipped frame {result.name}: {result.problem}")
+    if bag is not None and n_done:
+        bag.finish()
+    problems = [*recording.problems, *skipped, *(bag.problems if bag else ())]  # a bag has named its own skipped ones
+    return Outcome(n_done, len(skipped), n_without_ground, tuple(dict.fromkeys(problems)))
 
 
 def check_order(config: Config, *, jobs: int, cluster: str | None) -> None:
@@ -97,29 +137,36 @@ def check_order(config: Config, *, jobs: int, cluster: str | None) -> None:
     Parameters
     ----------
     config : Config
-        `memory` is used.
+        Its `memories` are used.
     jobs, cluster
         As `detect_recording` takes them.
 
     Raises
     ------
     ValueError
-        If frames would be detected side by side although ``memory.frames`` is not 0.
+        If frames would be detected side by side although ``memory.frames`` or ``ground.memory_s`` is not 0.
     """
-    if config.memory.frames and (jobs != 1 or cluster is not None):
+    if jobs == 1 and cluster is None:
+        return
+    for name, value in config.memories.items():
         raise ValueError(
-            f"memory.frames is {config.memory.frames}, so each frame needs those before it: detect in one process, "
-            "with --jobs 1 and no --cluster, or set memory.frames to 0"
+            f"{name} is {value}, so each frame needs those before it: detect in one process, with --jobs 1 and no "
+            f"--cluster, or set {name} to 0"
         )
 
 
 def _tasks(
-    recording: Recording, config: Config, extras: tuple[str, ...], *, single_threaded: bool
+    recording: Recording,
+    config: Config,
+    extras: tuple[str, ...],
+    layout: OutputLayout | None,
+    *,
+    single_threaded: bool,
 ) -> Iterator[DetectionTask]:
     if single_threaded and config.threads == 0:
         config = config.updated({"threads": 1})
     for item in recording.items():
-        yield DetectionTask(item, config, extras)
+        yield DetectionTask(item, config, extras, layout)
 
 
 def detect_frame(task: DetectionTask, detector: Detector | None = None) -> FrameResult:
@@ -139,7 +186,10 @@ def detect_frame(task: DetectionTask, detector: Detector | None = None) -> Frame
         frame = item.read() if isinstance(item, FrameFile) else item
         detector = detector or _detector(task.config, threading.get_ident())
         detection = detector.detect_frame(frame)
-        return frame_result(frame.name, detection, frame.camera, extras=task.extras)
+        result = frame_result(frame.name, detection, frame.camera, extras=task.extras, maps=task.config.maps)
+        if task.layout is None:
+            return result
+        return dataclasses.replace(result, outputs=frame_outputs(frame, detection, task.config, task.layout))
     except (OSError, ValueError, cv2.error) as err:
         return unusable_frame(item.name, " ".join(str(err).split()))
 

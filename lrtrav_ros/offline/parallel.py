@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import BrokenExecutor
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import islice
 from typing import Any, Generic, TypeVar
 
 import cv2
@@ -22,6 +23,7 @@ _Result = TypeVar("_Result")
 
 _CONNECT_S = 10.0
 _WATCH_S = 1.0
+_AHEAD = 16  # tasks for each process whose results may wait to be taken: those of an output bag have 10 MB each
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,8 +39,8 @@ def run_tasks(
     """Call `function` with each task and yield the results, in the order of the tasks.
 
     The results do not depend on `jobs` and `cluster`. Tasks are taken from `tasks` as they are needed, one at a time
-    but perhaps in another thread, and only a few are under way at any time. Each runs on one thread of BLAS and OpenMP,
-    and where several run at a time, of OpenCV.
+    but perhaps in another thread. Only a few are under way at any time, and not many results wait until they are asked
+    for. Each task runs on one thread of BLAS and OpenMP, and where several run at a time, of OpenCV.
 
     Parameters
     ----------
@@ -82,7 +84,7 @@ def _in_processes(
     with parallel_config(backend="loky", inner_max_num_threads=1):
         parallel = _parallel(jobs)
     try:
-        yield from _results(parallel, function, tasks, parent=os.getpid())
+        yield from _results(parallel, function, tasks, n_workers=lambda: jobs, parent=os.getpid())
     except BrokenExecutor as err:
         raise RuntimeError("a process was killed, perhaps for lack of memory; give fewer jobs") from err
 
@@ -98,7 +100,7 @@ def _on_cluster(
         with parallel_config(backend="dask", client=client, wait_for_workers_timeout=_CONNECT_S):
             parallel = _parallel(-1)
         try:
-            yield from _results(parallel, function, tasks)
+            yield from _results(parallel, function, tasks, n_workers=lambda: sum(client.ncores().values()))
         except KilledWorker as err:
             raise RuntimeError(f"several workers of {address} died at the same task; look at their logs") from err
 
@@ -109,10 +111,29 @@ def _parallel(jobs: int) -> Parallel:
 
 
 def _results(
-    parallel: Parallel, function: Callable[[_Task], _Result], tasks: Iterable[_Task], *, parent: int | None = None
+    parallel: Parallel,
+    function: Callable[[_Task], _Result],
+    tasks: Iterable[_Task],
+    *,
+    n_workers: Callable[[], int],
+    parent: int | None = None,
 ) -> Iterator[_Result | TaskFailure]:
-    """Yield the results; processes that are children of `parent` end with it."""
-    given = _Given(tasks)
+    """Yield the results; processes that are children of `parent` end with it.
+
+    joblib goes on with tasks however many results wait, so it is given only so many at a time.
+    """
+    rest = iter(tasks)
+    while True:
+        most = _AHEAD * max(n_workers(), 1)
+        given = _Given(islice(rest, most))
+        yield from _results_of_some(parallel, function, given, parent)
+        if given.n < most:
+            return
+
+
+def _results_of_some(
+    parallel: Parallel, function: Callable[[_Task], _Result], given: _Given[_Task], parent: int | None
+) -> Iterator[_Result | TaskFailure]:
     results = parallel(delayed(_run)(function, task, parent) for task in given)
     try:
         for result in results:  # noqa: UP028 - `yield from` would close them outside of the block below
@@ -128,16 +149,19 @@ def _results(
 class _Given(Generic[_Task]):
     """The tasks as bytes, so that Dask does not scatter large ones over workers, where they are lost with one.
 
-    joblib takes them in threads of its own, which cannot raise what goes wrong: it is kept in `error`.
+    joblib takes them in threads of its own, which cannot raise what goes wrong: it is kept in `error`. How many were
+    taken is `n`.
     """
 
     def __init__(self, tasks: Iterable[_Task]) -> None:
         self._tasks = tasks
         self.error: Exception | None = None
+        self.n = 0
 
     def __iter__(self) -> Iterator[bytes]:
         try:
             for task in self._tasks:
+                self.n += 1
                 yield pickle.dumps(task, pickle.HIGHEST_PROTOCOL)
         except Exception as err:
             self.error = err

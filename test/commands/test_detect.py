@@ -8,10 +8,9 @@ import shutil
 import subprocess
 import sys
 
-import cluster as clusters
 import numpy as np
 import pytest
-from recorded import CAMERA, FAST, HEIGHT, N_FRAMES, WIDTH, frames, rendered, write_dataset
+from recorded import CAMERA, FAST, HEIGHT, N_FRAMES, WIDTH, frames, rendered, write_compressed_bag, write_dataset
 
 from lrtrav_ros.camera import StereoCamera
 from lrtrav_ros.commands import run
@@ -252,6 +251,42 @@ def test_disparity_and_depth_are_detected_in(out, tmp_path, source, is_bag):
         assert is_bag or scale == pytest.approx(1, abs=0.01)
 
 
+@pytest.mark.parametrize("suffix", [".png", ".jpg"])
+def test_bag_of_compressed_images_alone_is_detected_in(detected, out, tmp_path, suffix):
+    bag = tmp_path / "bag"
+    write_compressed_bag(bag, frames(), suffix)
+    (bag / "metadata.yaml").unlink()
+    assert detect(bag, out) == 0
+    assert [row["name"] for row in rows(out)] == NAMES
+    if suffix == ".png":
+        assert contents(out, *MASKS) == contents(detected, *MASKS)
+    else:  # of which the pixels are others
+        for name in NAMES:
+            masks = [read_image(folder / "long_range" / f"{name}.png") for folder in (out, detected)]
+            assert (masks[0] == masks[1]).mean() > 0.8
+
+
+def test_topics_of_a_bag_can_be_named(detected, out, tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(bag_writer, "LEFT_IMAGE", "zed/left/color/rect/image")
+    monkeypatch.setattr(bag_writer, "RIGHT_IMAGE", "zed/right/color/rect/image")
+    bag = tmp_path / "bag"
+    write_stereo_bag(bag, frames())
+    left, right = (("--remap", f"/zed/{side}/color/rect/image:={side}/image_rect") for side in ("left", "right"))
+    infos = [f"--remap=/{side}/camera_info:={side}/camera_info" for side in ("left", "right")]
+    assert detect(bag, out, *left, *right, *infos) == 0
+    assert contents(out, *MASKS) == contents(detected, *MASKS)
+    shutil.rmtree(out)
+    assert detect(bag, out, *left, "--remap", "/nothing:=right/image_rect") == 1
+    assert "has no topic '/nothing'" in failure(capsys)
+    assert detect(bag, out, "--remap", "left/image_rect") == 2
+    assert "write FROM:=TO" in failure(capsys)
+
+
+def test_topics_of_a_folder_are_refused(dataset, out, capsys):
+    assert detect(dataset, out, "--remap", "/left:=left/image_rect") == 1
+    assert "has no topics to remap" in failure(capsys)
+
+
 def test_depth_is_cut_where_it_is_asked_for(out, tmp_path):
     path = write_dataset(tmp_path / "input", frames("depth"))
     assert detect(path, out, "--save", "disparity", "--set", "source.max_depth_m=6") == 0
@@ -336,21 +371,22 @@ def test_processes_report_frames_in_their_order(broken, out, tmp_path, capsys):
     assert f"2 frames, 2 skipped: {single}" in printed.out
 
 
-def test_cluster_gives_the_same_files_though_a_worker_is_killed(dataset, detected, out, tmp_path, monkeypatch):
-    pytest.importorskip("distributed")
+def test_cluster_gives_the_same_files_though_a_worker_is_killed(
+    dataset, detected, out, tmp_path, monkeypatch, dask_cluster
+):
     bag = tmp_path / "bag"
     write_stereo_bag(bag, frames())
-    with clusters.cluster(tmp_path) as (address, workers):
+    with dask_cluster.another_worker() as worker:
         write = ResultFolder.write
 
         def write_and_kill(self, result):
             write(self, result)
-            workers[0].kill()
+            worker.kill()
 
         monkeypatch.setattr(ResultFolder, "write", write_and_kill)
-        assert detect([dataset, bag], out, "--cluster", address) == 0
-        assert workers[0].wait(10) != 0
-        assert workers[1].poll() is None
+        assert detect([dataset, bag], out, "--cluster", dask_cluster.address) == 0
+        assert worker.wait(10) != 0
+        assert dask_cluster.worker.poll() is None
     assert contents(out / "dataset") == contents(detected)
     assert contents(out / "bag") == contents(detected)
 
@@ -440,13 +476,13 @@ def test_frame_of_a_bag_that_does_not_fit_is_skipped(out, tmp_path, capsys):
 
 def write_mixed_bag(path, recorded):
     """Write a bag whose CameraInfo is always that of the first frame."""
-    original, size = bag_writer._camera_info, recorded[0].left.shape[:2]
+    original, size = bag_writer.camera_info_message, recorded[0].left.shape[:2]
 
     def first(header, camera, _, *, baseline_m):
         return original(header, camera, size, baseline_m=baseline_m)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(bag_writer, "_camera_info", first)
+        patch.setattr(bag_writer, "camera_info_message", first)
         write_stereo_bag(path, recorded)
 
 

@@ -24,15 +24,6 @@ def test_a_bag_that_is_cut_off_yields_what_is_left(kind, share, tmp_path):
         assert_same(frame, written)
 
 
-@pytest.mark.parametrize("kind", ["mcap", "sqlite3"])
-def test_a_recording_without_metadata_is_read(kind, tmp_path):
-    write_stereo_bag(tmp_path / "bag", make_frames(3), format=kind)
-    (tmp_path / "bag" / "metadata.yaml").unlink()
-    with StereoBag(tmp_path / "bag") as bag:
-        assert len(list(bag.frames())) == len(bag) == 3
-        assert len(bag.problems) == 1
-
-
 @pytest.mark.parametrize(("kind", "compression"), [("rosbag1", "BZ2"), ("rosbag1", "LZ4"), ("mcap", "ZSTD")])
 def test_compressed_chunks_are_recovered(kind, compression, tmp_path):
     recorder = Recorder(tmp_path / "bag", kind, compression)

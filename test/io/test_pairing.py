@@ -34,10 +34,43 @@ def test_the_nearest_stamp_wins_and_the_others_wait_on():
     for stamp in (0, 10, 20):
         pairs.add_first(stamp, f"l{stamp}", tolerance_ns=10)
     assert pairs.add_second(11, "r11", tolerance_ns=10) == ("l10", "r11")
-    assert pairs.first.unpaired == 1  # until its partner comes, which is late
     assert pairs.add_second(2, "r2", tolerance_ns=10) == ("l0", "r2")
     assert list(pairs.first.waiting.values()) == ["l20"]
     assert (pairs.first.unpaired, pairs.n_pairs) == (0, 2)
+
+
+def test_where_both_topics_are_ordered_no_late_pair_follows_a_newer_one():
+    pairs = StampPairing(TopicQueue("/left", is_ordered=True), TopicQueue("/right", is_ordered=True))
+    pairs.add_first(1, "l1", tolerance_ns=0)
+    pairs.add_second(2, "r2", tolerance_ns=0)
+    assert pairs.add_first(2, "l2", tolerance_ns=0) == ("l2", "r2")
+    assert pairs.first.unpaired == 1  # at once
+    assert pairs.add_second(1, "r1", tolerance_ns=0) is None
+    for stamp in (0, 1):  # a looped bag: time jumps back, and r1 of the first round finds a partner
+        pairs.add_second(stamp, f"R{stamp}", tolerance_ns=0)
+        assert pairs.add_first(stamp, f"L{stamp}", tolerance_ns=0) == (f"L{stamp}", f"R{stamp}")
+
+
+@pytest.mark.parametrize("is_ordered", [False, True])
+def test_unpaired_messages_only_grow_in_number_and_all_are_accounted_for(is_ordered):
+    pairs = StampPairing(TopicQueue("/left", 3, is_ordered=is_ordered), TopicQueue("/right", 3, is_ordered=is_ordered))
+    counts = []
+    for stamp in (10, 20, 30, 0, 5, 1, 40, 2, 3, 50):  # jumps back and on
+        pairs.add_first(stamp, f"l{stamp}", tolerance_ns=0)
+        if stamp % 20 == 0:
+            pairs.add_second(stamp, f"r{stamp}", tolerance_ns=0)
+        counts.append(pairs.first.unpaired)
+        assert pairs.first.received == pairs.n_pairs + pairs.first.unpaired + len(pairs.first.waiting)
+    assert counts == sorted(counts)
+    assert counts[-1] > 0
+
+
+def test_damaged_messages_are_received_and_told_of():
+    pairs = pairing()
+    pairs.first.count_damaged()
+    pairs.add_first(1_000_000_000, "l", tolerance_ns=0)
+    assert (pairs.first.received, pairs.first.damaged, pairs.first.unpaired) == (2, 1, 0)
+    assert str(pairs.first) == "/left: 2 received, 1 of them damaged, last stamp 1.000000"
 
 
 def test_a_message_without_a_partner_goes_when_many_have_come_after_it():

@@ -21,6 +21,7 @@ from lrtrav_ros.io.result_folder import (
     output_folder,
     unusable_frame,
 )
+from lrtrav_ros.mapping.grid import ground_grid
 
 CONFIG = Config().updated({"stereo.n_disparities": 64, "superpixels.n_superpixels": 60})
 
@@ -51,6 +52,8 @@ def test_frame_is_written_with_all_extras(tmp_path, detection):
     confidence = read_image(out / "confidence/a b.png")
     assert (confidence.dtype, confidence.shape) == (np.uint8, detection.image.shape[:2])
     assert np.array_equal(confidence, long.confidence)
+    grid = read_image(out / "grid/a b.png")
+    assert np.array_equal(grid, ground_grid(long.occupancy, short, recorded.CAMERA, CONFIG.maps).image)
     assert read_image(out / "u_disparity/a b.png").shape[:2] == short.u_disparity.shape
     assert read_image(out / "v_disparity/a b.png").shape[:2] == short.v_disparity.shape
     for extra in ("obstacle_disparity", "wld"):

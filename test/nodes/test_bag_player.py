@@ -10,12 +10,16 @@ pytest.importorskip("rclpy")
 
 import itertools
 
+from recorded import write_compressed_bag
 from ros_graph import CAMERA, N_DISPARITIES, Graph, process_starter, stereo_pair
 from rosbags import rosbag1
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import CameraInfo, Image
 
+from lrtrav_ros import Config, Detector
+from lrtrav_ros.commands import run
 from lrtrav_ros.frame import Frame
+from lrtrav_ros.io import zstd_files
 from lrtrav_ros.io.bag_writer import write_stereo_bag
 from lrtrav_ros.io.encodings import decode_message
 from lrtrav_ros.io.message_frames import header_stamp_ns
@@ -24,7 +28,7 @@ from lrtrav_ros.nodes.bag_player import ReplayOptions, published_names
 from lrtrav_ros.nodes.long_range_node import LongRangeNode
 from lrtrav_ros.nodes.short_range_node import ShortRangeNode
 
-SETTINGS = {"stereo.matcher": "bm", "stereo.n_disparities": N_DISPARITIES, "superpixels.n_superpixels": 40}
+SETTINGS = {"stereo.n_disparities": N_DISPARITIES, "superpixels.n_superpixels": 40}
 PERIOD_NS = 100_000_000
 START_NS = 1_700_000_000_000_000_000
 STAMPS = [START_NS + i * PERIOD_NS for i in range(5)]
@@ -34,6 +38,7 @@ COMMAND = "import sys; from lrtrav_ros.commands import run; sys.exit(run('replay
 @pytest.fixture(scope="module")
 def graph(ros):
     graph = Graph(LongRangeNode, ShortRangeNode, namespace="replay", settings=SETTINGS)
+    graph.listen(Image, "short_range/mask")
     graph.listen(Image, "long_range/mask")
     yield graph
     graph.close()
@@ -72,8 +77,8 @@ def bags(tmp_path_factory):
 def start(graph):
     """Start a replay; end it where the test did not."""
     with process_starter() as start_command:
-        yield lambda *arguments: start_command(
-            sys.executable, "-c", COMMAND, *map(str, arguments), "--ros-args", "-r", "__ns:=/replay"
+        yield lambda *arguments, namespace="/replay": start_command(
+            sys.executable, "-c", COMMAND, *map(str, arguments), "--ros-args", "-r", f"__ns:={namespace}"
         )
 
 
@@ -91,6 +96,31 @@ def test_bags_of_every_format_reach_the_nodes(graph, left_images, bags, start, n
     graph.at("long_range/mask", STAMPS[-1])
     assert [stamp for stamp, _, _ in left_images] == STAMPS
     assert all((decode_message(message) == stereo_pair()[0]).all() for _, _, message in left_images)
+
+
+def test_compressed_images_of_a_compressed_bag_give_the_same_masks(ros, start, tmp_path):
+    path = tmp_path / "bag"
+    write_compressed_bag(path, frames())
+    (file,) = path.glob("*.mcap")
+    compressed = path / f"{file.name}.zstd"
+    with zstd_files.zstd.ZstdFile(compressed, "wb") as stream:
+        stream.write(file.read_bytes())
+    file.unlink()
+    (path / "metadata.yaml").unlink()
+    settings = {**SETTINGS, "memory.frames": 0}
+    compressing = {**settings, "source.compressed": True}
+    graph = Graph(LongRangeNode, ShortRangeNode, namespace="replay_compressed", settings=compressing)
+    try:
+        graph.listen(Image, "short_range/mask")
+        graph.listen(Image, "long_range/mask")
+        status, _, errors = finished(graph, start(compressed, namespace="/replay_compressed"))
+        assert (status, errors) == (0, "")
+        found = Detector(Config().updated(settings), CAMERA).detect(*stereo_pair())
+        assert (decode_message(graph.at("short_range/mask", STAMPS[-1])) == found.short_range.mask).all()
+        assert (decode_message(graph.at("long_range/mask", STAMPS[-1])) == found.long_range.mask).all()
+        assert (found.short_range.mask == 255).any()
+    finally:
+        graph.close()
 
 
 def test_a_loop_jumps_back_in_time_and_goes_on_until_a_signal(graph, left_images, bags, start):
@@ -142,11 +172,23 @@ def test_what_can_be_read_of_a_truncated_bag_is_played(graph, bags, start, tmp_p
         (1, ["nothing.mcap"], "replay: nothing.mcap: there is no such recording"),
         (2, ["{mcap}", "--rate", "0"], "replay: rate is 0; give a number above 0"),
         (2, ["{mcap}", "--start", "nan"], "replay: start is nan"),
+        (2, ["{mcap}", "--remap", "/left"], "replay: --remap /left: write FROM:=TO"),
+        (1, ["{mcap}", "--remap", "/cam0:=elsewhere"], "has no topic '/cam0' to remap; there are /left/camera_info"),
+    ],
+)
+def test_errors_before_ros_starts_are_one_line(capsys, bags, status, arguments, reason):
+    assert run("replay", [argument.format(**bags) for argument in arguments]) == status
+    output, errors = capsys.readouterr()
+    assert (output, errors.count("\n")) == ("", 1)
+    assert reason in errors
+
+
+@pytest.mark.parametrize(
+    ("status", "arguments", "reason"),
+    [
         (2, ["{mcap}", "--remap", "/left/image_rect:=bad name"], "'bad name' is not a name for a topic"),
         (2, ["{mcap}", "--ros-args", "--foo"], "replay: wrong ROS arguments: "),
         (1, ["{mcap}", "--start", "9"], "lasts 0.400 s; start at 9 s is behind its end"),
-        (2, ["{mcap}", "--remap", "/left"], "replay: --remap /left: write FROM:=TO"),
-        (1, ["{mcap}", "--remap", "/cam0:=elsewhere"], "has no topic '/cam0' to remap; there are /left/camera_info"),
     ],
 )
 def test_errors_are_one_line(graph, bags, start, status, arguments, reason):
@@ -184,11 +226,25 @@ def test_published_names():
         "/robot/right/camera_info": "right/camera_info",
     }
     assert published_names(types, ReplayOptions()) == inputs
+    raw = {topic: name.replace("image_rect", "image_raw") for topic, name in inputs.items()}
+    assert published_names(types, ReplayOptions(raw=True)) == raw
     assert published_names(types, ReplayOptions(all_topics=True)) == {**inputs, "/tf": "/tf"}
     assert published_names(types, ReplayOptions(remap={"/tf": "/old_tf"})) == {**inputs, "/tf": "/old_tf"}
     assert published_names({"/a": IMAGE_TYPE}, ReplayOptions(remap={"/a": "b"})) == {"/a": "b"}
     with pytest.raises(ValueError, match="lacks topics for frames"):
         published_names({"/a": IMAGE_TYPE}, ReplayOptions())
+
+
+@pytest.mark.parametrize("has_calibration", [True, False])
+def test_depth_comes_with_its_own_calibration(has_calibration):
+    types = {
+        "/cam/left/image_rect": IMAGE_TYPE,
+        "/cam/left/camera_info": INFO_TYPE,
+        "/cam/depth/image_rect": IMAGE_TYPE,
+        **({"/cam/depth/camera_info": INFO_TYPE} if has_calibration else {}),
+    }
+    names = {topic: topic.removeprefix("/cam/") for topic in types}
+    assert published_names(types, ReplayOptions(source="depth")) == names
 
 
 def test_a_topic_that_is_remapped_to_an_input_takes_its_part():

@@ -82,6 +82,17 @@ def test_tasks_are_taken_as_they_are_needed(jobs):
     assert len(taken) <= n_taken + 10
 
 
+def test_results_that_are_taken_slowly_do_not_pile_up():
+    taken = []
+    results = run_tasks(math.sqrt, (taken.append(i) or i for i in range(10**6)), jobs=2)
+    blob = np.random.default_rng(0).bytes(100_000)
+    for i in range(80):
+        assert next(results) == math.sqrt(i)
+        bz2.compress(blob)  # some work on each result, slower than the tasks
+        assert len(taken) <= i + 2 * parallel._AHEAD + 1
+    results.close()
+
+
 def test_arrays_of_tasks_can_be_written_to_and_are_not_shared():
     image = np.zeros((1000, 1700), np.uint8)
     filled = list(run_tasks(operator.methodcaller("fill", 7), [image, image], jobs=2))
@@ -135,16 +146,16 @@ def test_scheduler_that_is_not_there_is_an_error(monkeypatch):
         list(run_tasks(math.sqrt, [1], cluster="tcp://127.0.0.1:1"))
 
 
-def test_cluster_gives_the_same_and_loses_nothing_with_a_worker(tmp_path):
-    pytest.importorskip("distributed")
-    with clusters.cluster(tmp_path) as (address, workers):
+def test_cluster_gives_the_same_and_loses_nothing_with_a_worker(dask_cluster):
+    address = dask_cluster.address
+    with dask_cluster.another_worker() as worker:
         assert list(run_tasks(math.sqrt, [4, -1, 9], cluster=address)) == list(run_tasks(math.sqrt, [4, -1, 9]))
 
         blobs = [np.random.default_rng(i).bytes(500_000) for i in range(16)]
         compressed = run_tasks(bz2.compress, blobs, cluster=address)
         results = [next(compressed)]
-        workers[0].kill()
+        worker.kill()
         results.extend(compressed)
         assert results == [bz2.compress(blob) for blob in blobs]
-        assert workers[0].wait(10) != 0
-        assert workers[1].poll() is None
+        assert worker.wait(10) != 0
+        assert dask_cluster.worker.poll() is None
