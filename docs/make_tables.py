@@ -36,7 +36,8 @@ def parameter_table() -> str:
         mark = " †" if item.read_only else ""
         text = item.description.replace("|", "\\|")
         in_nodes = f", in nodes `{NODE_DEFAULTS[item.name]}`" if item.name in NODE_DEFAULTS else ""
-        lines.append(f"| `{item.name}`{mark} | `{item.default}`{in_nodes} | {other} | {item.range_text} | {text} |")
+        default = "''" if item.default == "" else item.default
+        lines.append(f"| `{item.name}`{mark} | `{default}`{in_nodes} | {other} | {item.range_text} | {text} |")
     return "\n".join(lines) + "\n"
 
 

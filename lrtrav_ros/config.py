@@ -26,13 +26,15 @@ SHORT_RANGE_STAGES = ("threads", "source", "stereo", "elas", "ground", "maps")
 LONG_RANGE_STAGES = ("source", "superpixels", "features", "clustering", "extension", "memory", "maps")
 """The stages whose parameters the node ``long_range`` has."""
 
-NODE_DEFAULTS: Mapping[str, Value] = {"memory.frames": 5}
+NODE_DEFAULTS: Mapping[str, Value] = {"memory.frames": 5, "ground.memory_s": 0.5}
 """Defaults of the nodes where they are others: nodes see one frame after the other."""
 
 # Every node of this package has these besides its stages.
-_GENERAL = ("preset", "use_sim_time", "start_type_description_service")
+_GENERAL = ("preset", "autostart", "use_sim_time", "start_type_description_service")
 _GENERAL_PREFIX = "qos_overrides."
 _DISTINCTIVE = 7  # letters: shorter names without a stage, such as seed, may well belong to another package
+
+_MAX_CELLS = 10_000_000  # of a grid
 
 _SURELY_MISSPELT = 0.8  # similarity from which on a name can be meant for nobody else
 
@@ -123,6 +125,8 @@ class Parameter:
             return f"one of {', '.join(self.choices)}"
         if self.type is bool:
             return "true or false"
+        if self.type is str:
+            return "any text"
         unit = f" {self.unit}" if self.unit else ""
         if self.minimum is not None and self.maximum is not None:
             return f"{self._spelt(self.minimum)} to {self._spelt(self.maximum)}{unit}"
@@ -199,6 +203,25 @@ class SourceConfig(CheckedConfig):
         maximum=1000.0,
         unit="m",
     )
+    rectify: bool = setting(
+        False,
+        "rectify the stereo pair here, by the distortion in its CameraInfo: image_raw in place of image_rect; for "
+        "drivers that publish nothing rectified",
+        read_only=True,
+    )
+    depth_registered: bool = setting(
+        True,
+        "whether the depth image shows what the left image shows, pixel by pixel; false where it has a camera of its "
+        "own (depth/camera_info) and is to be registered to the left image here",
+        read_only=True,
+    )
+    depth_pose: str = setting(
+        "",
+        "pose of the depth camera's optical frame in the left camera's one, where depth is registered here: "
+        "x y z qx qy qz qw or x y z roll pitch yaw, in metres and radians; empty to take it from tf, for which tf2_ros "
+        "is needed, or a bag's /tf_static",
+        read_only=True,
+    )
     compressed: bool = setting(
         False,
         "subscribe to …/compressed (sensor_msgs/CompressedImage) in place of raw images; "
@@ -213,6 +236,21 @@ class SourceConfig(CheckedConfig):
         maximum=1.0,
         unit="s",
     )
+
+    def __post_init__(self) -> None:
+        CheckedConfig.__post_init__(self)
+        if self.depth_pose:
+            _check_pose(self.depth_pose)
+
+
+def _check_pose(text: str) -> None:
+    """Raise ValueError where ``source.depth_pose`` is no pose."""
+    from lrtrav_ros.pose import Pose
+
+    try:
+        Pose.parsed(text)
+    except ValueError as err:
+        raise ValueError(f"source.depth_pose: {err}") from err
 
 
 @dataclass(frozen=True, slots=True)
@@ -482,6 +520,14 @@ class GroundConfig(CheckedConfig):
         maximum=501,
         unit="px",
     )
+    memory_s: float = setting(
+        0.0,
+        "for how long the ground of the last frame that shows it serves frames that show too little of it, as before a "
+        "wall; 0 for none; it needs frames with a time; lower it for cameras that pitch and bounce",
+        minimum=0.0,
+        maximum=60.0,
+        unit="s",
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -629,7 +675,7 @@ class MapsConfig(CheckedConfig):
     )
     length_m: float = setting(
         30.0,
-        "how far ahead the grid reaches; raise it for fast robots and high cameras",
+        "how far ahead the grid and the point clouds reach; raise it for fast robots and high cameras",
         minimum=1.0,
         maximum=500.0,
         unit="m",
@@ -651,12 +697,27 @@ class MapsConfig(CheckedConfig):
     )
     clearance_m: float = setting(
         2.0,
-        "what hangs higher than this above the ground is no obstacle in the grid; set it a little above the height of "
+        "what hangs higher than this above the ground is no obstacle in the maps; set it a little above the height of "
         "the robot",
         minimum=0.1,
         maximum=100.0,
         unit="m",
     )
+    frame: str = setting(
+        "",
+        "frame that the grid is drawn in, that of the costmap that it is for, such as odom; it takes tf2_ros; "
+        "empty for the frame on the ground below the camera",
+        read_only=True,
+    )
+
+    def __post_init__(self) -> None:
+        CheckedConfig.__post_init__(self)
+        n_cells = self.length_m / self.cell_m * self.width_m / self.cell_m
+        if n_cells > _MAX_CELLS:
+            raise ValueError(
+                f"maps.length_m {self.length_m:g} and maps.width_m {self.width_m:g} are {n_cells:.0f} cells of "
+                f"maps.cell_m {self.cell_m:g}; give numbers that make {_MAX_CELLS} at most"
+            )
 
 
 @dataclass(frozen=True, slots=True)
@@ -729,6 +790,15 @@ class Config(CheckedConfig):
             name: getattr(getattr(self, stage) if stage else self, attribute)
             for name, (stage, attribute) in _places().items()
         }
+
+    @property
+    def memories(self) -> dict[str, Value]:
+        """The settings by which frames depend on those before them, by full name; none where each stands alone."""
+        settings: dict[str, Value] = {
+            "ground.memory_s": self.ground.memory_s,
+            "memory.frames": self.memory.frames,
+        }
+        return {name: value for name, value in settings.items() if value}
 
     @property
     def n_threads(self) -> int:

@@ -36,6 +36,7 @@ def test_parameters_of_the_design_have_their_defaults() -> None:
         "clustering.seed": 0,
         "extension.rule": "propagation",
         "memory.frames": 0,
+        "ground.memory_s": 0.0,
     }
     assert {name: values[name] for name in expected} == expected
 
@@ -44,7 +45,7 @@ def test_every_parameter_is_described_and_its_default_in_range() -> None:
     for parameter in parameters():
         assert len(parameter.description) > 10, parameter.name
         assert parameter.check(parameter.default) == parameter.default
-        assert parameter.choices or parameter.type is bool or parameter.minimum is not None, parameter.name
+        assert parameter.choices or parameter.type in (bool, str) or parameter.minimum is not None, parameter.name
 
 
 def test_preset_paper_is_the_letter_of_the_paper() -> None:
@@ -54,6 +55,13 @@ def test_preset_paper_is_the_letter_of_the_paper() -> None:
     ground = paper.ground  # the obstacles are those of the u-disparity alone: no feet, no drops, no filled holes
     assert (ground.min_obstacle_m, ground.contact_margin, ground.min_drop_m, ground.max_hole_px) == (0, 1, 0, 0)
     assert (ground.noise_px, ground.max_step_m) == (1.0, 0.13)
+
+
+def test_a_pose_of_the_depth_camera_is_checked() -> None:
+    text = "0.1 0 0 0 0 0 1"
+    assert Config().updated({"source.depth_pose": text}).source.depth_pose == text
+    with pytest.raises(ValueError, match=r"source\.depth_pose: pose is '1 2', .* give x y z qx qy qz qw or x y z roll"):
+        Config().updated({"source.depth_pose": "1 2"})
 
 
 def test_unknown_preset() -> None:
@@ -155,11 +163,12 @@ def test_every_stage_belongs_to_a_node() -> None:
     assert find_parameter("source").stage == find_parameter("source.compressed").stage == "source"
 
 
-def test_defaults_of_the_nodes_are_values_of_long_range_parameters() -> None:
-    assert NODE_DEFAULTS["memory.frames"] == 5
+def test_defaults_of_the_nodes_are_memories() -> None:
+    assert NODE_DEFAULTS == {"memory.frames": 5, "ground.memory_s": 0.5}
+    assert Config().memories == {}
+    assert Config().updated(NODE_DEFAULTS).memories == NODE_DEFAULTS
     for name, value in NODE_DEFAULTS.items():
         parameter = find_parameter(name)
-        assert parameter.stage in LONG_RANGE_STAGES
         assert parameter.check(value) == value != parameter.default
 
 
@@ -167,3 +176,9 @@ def test_files_that_are_made_from_the_configuration_are_up_to_date() -> None:
     command = [sys.executable, str(ROOT / "docs" / "make_tables.py"), "--check"]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert (done.stdout.strip(), done.returncode) == ("up to date", 0)
+
+
+def test_grids_of_too_many_cells_are_refused():
+    assert Config().updated({"maps.cell_m": 0.01}).maps.length_m == 30.0
+    with pytest.raises(ValueError, match=r"maps.length_m 30 and maps.width_m 500 are 150000000 cells"):
+        Config().updated({"maps.cell_m": 0.01, "maps.width_m": 500.0})

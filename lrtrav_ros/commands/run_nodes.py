@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import argparse
+import os
+import signal
 from dataclasses import dataclass
 
 
@@ -29,6 +31,9 @@ class NodesCommand:
 
     def run(self, args: argparse.Namespace) -> int:
         """Spin the nodes; return the exit status."""
+        # The imports take a second: a signal in that time ends the process as well as a later one does.
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, lambda *_: os._exit(0))
         from lrtrav_ros.nodes.process import run_nodes
 
         return run_nodes(self.nodes, ros_args=args.ros_args)

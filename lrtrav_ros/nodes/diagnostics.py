@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import time
 import traceback
 from collections.abc import Callable
@@ -18,6 +19,7 @@ from lrtrav_ros.nodes.worker import Worker
 
 PERIOD_S = 1.0
 _LOG_PERIOD_S = 60.0
+_CHANGE_PERIOD_S = 4.5  # between two texts that differ
 
 
 class Diagnostics:
@@ -52,6 +54,7 @@ class Diagnostics:
         self._frame_topic = frame_topic
         self._n_replaced = n_replaced
         self._logged_s = -math.inf
+        self._logged_gist = ""
         self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", 10)
         # The node's own clock stands still where simulated time does.
         node.create_timer(PERIOD_S, self._publish, clock=Clock(clock_type=ClockType.STEADY_TIME))
@@ -66,11 +69,13 @@ class Diagnostics:
         self._publisher.publish(message)
 
     def _log(self, problem: str) -> None:
-        """Warn when a problem begins, and each minute that it lasts."""
+        """Warn when a problem begins, when it says something else, its figures apart, and each minute that it lasts."""
         if not problem:
             self._logged_s = -math.inf
-        elif time.monotonic() - self._logged_s > _LOG_PERIOD_S:
-            self._logged_s = time.monotonic()
+            return
+        gist = re.sub(r"\d+", "", problem)
+        if time.monotonic() - self._logged_s > (_LOG_PERIOD_S if gist == self._logged_gist else _CHANGE_PERIOD_S):
+            self._logged_s, self._logged_gist = time.monotonic(), gist
             self._node.get_logger().warning(problem)
 
     def _status(self, problem: str) -> DiagnosticStatus:
@@ -79,8 +84,10 @@ class Diagnostics:
             "frames received": frame_topic.received,
             "frames processed": worker.processed,
             "frames dropped": worker.dropped + self._n_replaced(),
-            "frames failed": worker.failed,
+            # Received are the processed, dropped, failed and unpaired ones, and those that wait or are being processed.
+            "frames failed": worker.failed + frame_topic.damaged,
             "frames unpaired": frame_topic.unpaired,
+            "messages damaged": worker.damaged,
             "rate [Hz]": f"{worker.rate_hz:.2f}",
             "last frame [ms]": f"{worker.last_ms:.1f}",
             "median frame [ms]": f"{worker.median_ms:.1f}",

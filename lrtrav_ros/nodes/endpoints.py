@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Any
 
 from numpy.typing import NDArray
@@ -30,7 +31,8 @@ Refuse = Callable[[Exception], None]
 
 def subscribe_info(node: Node, topic: str, callback: Callable[[CameraInfo], None]) -> Subscription:
     """Subscribe to calibration as sensor data are: best effort matches every publisher. Only the newest one counts."""
-    return node.create_subscription(CameraInfo, topic, callback, _sensor_data(1), qos_overriding_options=_OVERRIDES)
+    with _refusing_overrides(node, topic):
+        return node.create_subscription(CameraInfo, topic, callback, _sensor_data(1), qos_overriding_options=_OVERRIDES)
 
 
 def subscribe_image(
@@ -60,7 +62,19 @@ def _subscribe(node: Node, kind: type[Any], type_name: str, topic: str, take: Ta
             take(message)
 
     qos = _sensor_data(_IMAGE_DEPTH)
-    return node.create_subscription(kind, topic, take_or_refuse, qos, qos_overriding_options=_OVERRIDES, raw=True)
+    with _refusing_overrides(node, topic):
+        return node.create_subscription(kind, topic, take_or_refuse, qos, qos_overriding_options=_OVERRIDES, raw=True)
+
+
+@contextmanager
+def _refusing_overrides(node: Node, topic: str) -> Iterator[None]:
+    """Raise ValueError for an override that rclpy cannot use, for which it raises what it does for anything."""
+    try:
+        yield
+    except RuntimeError as err:
+        if not node.context.ok():
+            raise
+        raise ValueError(f"a parameter qos_overrides.{node.resolve_topic_name(topic)}… does not fit: {err}") from err
 
 
 def _sensor_data(depth: int) -> QoSProfile:
@@ -79,12 +93,21 @@ class Output:
         Relative name.
     kind : type, optional
         Class of the messages.
+    reliability : QoSReliabilityPolicy, optional
+        Best effort where those who subscribe ask for no more.
     """
 
-    def __init__(self, node: Node, topic: str, kind: type[Any] = Image) -> None:
-        self._publisher: Publisher = node.create_publisher(
-            kind, topic, QoSProfile(depth=1), qos_overriding_options=_OVERRIDES
-        )
+    def __init__(
+        self,
+        node: Node,
+        topic: str,
+        kind: type[Any] = Image,
+        *,
+        reliability: QoSReliabilityPolicy = QoSReliabilityPolicy.RELIABLE,
+    ) -> None:
+        qos = QoSProfile(depth=1, reliability=reliability)
+        with _refusing_overrides(node, topic):
+            self._publisher: Publisher = node.create_publisher(kind, topic, qos, qos_overriding_options=_OVERRIDES)
         # An override may keep the newest message for who subscribes later.
         self._is_kept = self._publisher.qos_profile.durability == QoSDurabilityPolicy.TRANSIENT_LOCAL
 
@@ -94,9 +117,14 @@ class Output:
         name: str = self._publisher.topic_name
         return name
 
+    @property
+    def is_wanted(self) -> bool:
+        """Whether somebody subscribes, or may do so later and get the newest message."""
+        return self._is_kept or self._publisher.get_subscription_count() > 0
+
     def publish(self, message: Callable[[], Any]) -> None:
         """Publish a message, which is made only where it is wanted."""
-        if self._is_kept or self._publisher.get_subscription_count():
+        if self.is_wanted:
             self._publisher.publish(message())
 
     def publish_image(self, pixels: Callable[[], NDArray[Any]], header: Header) -> None:

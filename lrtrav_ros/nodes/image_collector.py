@@ -1,4 +1,4 @@
-"""Collects the images that nodes publish, by the stamp that they share."""
+"""Collects the images and grids that nodes publish, by the stamp that they share."""
 
 from __future__ import annotations
 
@@ -10,36 +10,45 @@ from types import TracebackType
 from typing import Any
 
 import rclpy
-from numpy.typing import NDArray
+from nav_msgs.msg import OccupancyGrid
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import Image
 
 from lrtrav_ros.io.encodings import decode_message
 from lrtrav_ros.io.message_frames import header_stamp_ns
+from lrtrav_ros.nodes.messages import message_to_grid
 from lrtrav_ros.nodes.shared_memory import IMAGES_PROFILE, use_segment
 
 _QUEUE_DEPTH = 50
 
 
 class ImageCollector:
-    """A node that keeps every image of some topics; to be used in a ``with`` block, alone in its process.
+    """A node that keeps every image and grid of some topics; to be used in a ``with`` block, alone in its process.
+
+    Parameters
+    ----------
+    topics : sequence of str
+        Relative names; those that end in ``grid`` are of grids.
+    namespace : str
+        Where they are.
 
     Attributes
     ----------
-    images : dict of int to dict of str to ndarray
-        The images of each stamp in nanoseconds, by topic.
+    images : dict of int to dict of str to ndarray or Grid
+        What came with each stamp in nanoseconds, by topic.
     """
 
     def __init__(self, topics: Sequence[str], *, namespace: str) -> None:
         use_segment(IMAGES_PROFILE)
         rclpy.init(args=[])
-        self.images: dict[int, dict[str, NDArray[Any]]] = defaultdict(dict)
+        self.images: dict[int, dict[str, Any]] = defaultdict(dict)
         self._node = rclpy.create_node("collector", namespace=namespace)
         self._topics = topics
         qos = QoSProfile(depth=_QUEUE_DEPTH)
         for topic in topics:
-            self._node.create_subscription(Image, topic, partial(self._take, topic), qos)
+            kind = OccupancyGrid if topic.endswith("grid") else Image
+            self._node.create_subscription(kind, topic, partial(self._take, topic), qos)
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(self._node)
 
@@ -54,7 +63,7 @@ class ImageCollector:
         rclpy.try_shutdown()
 
     def n_complete(self) -> int:
-        """Number of stamps that an image of every topic has come for."""
+        """Number of stamps for which every topic has come."""
         return sum(len(images) == len(self._topics) for images in self.images.values())
 
     def publishers_are_there(self) -> bool:
@@ -70,5 +79,6 @@ class ImageCollector:
             self._executor.spin_once(timeout_sec=0.05)
         return True
 
-    def _take(self, topic: str, message: Image) -> None:
-        self.images[header_stamp_ns(message)][topic] = decode_message(message)
+    def _take(self, topic: str, message: Any) -> None:
+        is_grid = isinstance(message, OccupancyGrid)
+        self.images[header_stamp_ns(message)][topic] = message_to_grid(message) if is_grid else decode_message(message)

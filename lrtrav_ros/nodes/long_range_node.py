@@ -5,32 +5,30 @@ from __future__ import annotations
 import threading
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-from rclpy.node import Node
-from std_msgs.msg import Header
-from std_srvs.srv import Empty
-
 from lrtrav_ros.config import LONG_RANGE_STAGES, Config
-from lrtrav_ros.detector import LongRange, LongRangeDetector
+from lrtrav_ros.detector import LongRangeDetector
 from lrtrav_ros.frame import as_8bit
-from lrtrav_ros.io.pictures import overlay
 from lrtrav_ros.method.memory import Memory
-from lrtrav_ros.nodes import messages
 from lrtrav_ros.nodes.diagnostics import Diagnostics, report_failure
-from lrtrav_ros.nodes.endpoints import Output
-from lrtrav_ros.nodes.long_range_inputs import LongRangeFrame, LongRangeInput, ShortRangeLink, TopicsInput
-from lrtrav_ros.nodes.parameters import Settings
+from lrtrav_ros.nodes.long_range_inputs import (
+    LongRangeFrame,
+    LongRangeInput,
+    ShortRangeLink,
+    TopicsInput,
+    input_topics,
+)
+from lrtrav_ros.nodes.long_range_outputs import LongRangeOutputs
+from lrtrav_ros.nodes.managed_node import ManagedNode
 from lrtrav_ros.nodes.warm_up import compile_kernels
 from lrtrav_ros.nodes.worker import Worker
 from lrtrav_ros.numerics.thread_team import ALONE
 
 
-class LongRangeNode(Node):
-    """Publishes ``long_range/mask`` and ``long_range/occupancy`` for each short-range result.
+class LongRangeNode(ManagedNode):
+    """Publishes ``long_range/mask``, ``long_range/occupancy``, ``long_range/grid`` and more for each frame.
 
-    It remembers the frames before; the service ``long_range/reset_memory``, a jump in time, and a change of the
-    parameters of features or memory make it forget them.
+    It remembers the frames before; the service ``~/reset``, a jump in time, and a change of the parameters of features
+    or memory make it forget them.
 
     Raises
     ------
@@ -39,26 +37,39 @@ class LongRangeNode(Node):
     """
 
     def __init__(self, **options: Any) -> None:
-        super().__init__("long_range", **options)
-        self._settings = Settings(self, LONG_RANGE_STAGES)
-        self._advertise()
-        compile_kernels(self._settings.config)
-        self._cached_detector = _new_detector(self._settings.config, None)
+        super().__init__("long_range", LONG_RANGE_STAGES, **options)
+        self._link: ShortRangeLink | None = None
         self._is_to_forget = threading.Event()
-        self.create_service(Empty, "long_range/reset_memory", self._reset_memory)
+        self.start()
+
+    def configure(self) -> None:
+        """Make the publishers, and compile the kernels."""
+        config = self._settings.config
+        self._outputs = LongRangeOutputs(self, config.maps)
+        compile_kernels(config)
+
+    def activate(self) -> None:
+        """Make the subscriptions and the worker."""
+        self._cached_detector = _new_detector(self._settings.config, None)
         self._worker: Worker[LongRangeFrame] = Worker(self._process, failed=lambda err: report_failure(self, err))
-        self._topics = TopicsInput(self, self._settings, self._worker.put, self._worker.refuse)
-        self._input: LongRangeInput = self._topics
+        self._topics = self._subscribed() if self._link is None else None
+        self._input.forget()  # what a link has counted so far was not for this worker
         self._diagnostics = Diagnostics(
-            self, self._worker, problem=lambda: self._input.problem(), frame_topic=lambda: self._input.frame_topic
+            self, self._worker, problem=self._problem, frame_topic=lambda: self._input.frame_topic
         )
+        self._worker.start()
         self.get_logger().info("ready")
 
-    def destroy_node(self) -> None:
-        """End the worker, then the node."""
-        if hasattr(self, "_worker"):
-            self._worker.close()
-        super().destroy_node()
+    def deactivate(self) -> None:
+        """End the worker after the frame at hand."""
+        self._worker.close()
+
+    def forget(self) -> None:
+        """Forget calibration, the frames before, and statistics."""
+        # The memory belongs to the worker's thread, which may be at a frame.
+        self._is_to_forget.set()
+        self._input.forget()
+        self._worker.forget()
 
     def link(self, *, left_topic: str, occupancy_topic: str) -> ShortRangeLink | None:
         """Take frames from the short-range node of this process, and no longer from topics, where both name the same.
@@ -73,20 +84,37 @@ class LongRangeNode(Node):
         ShortRangeLink or None
             What the short-range node is to give its frames; None where it has other topics than this node.
         """
-        if (left_topic, occupancy_topic) != (self._topics.left_topic, self._topics.frame_topic.topic):
+        topics = input_topics(self, self._settings)
+        if (left_topic, occupancy_topic) != (topics.left, topics.occupancy):
             return None
-        self._topics.close()
-        link = ShortRangeLink(self._topics, self._worker.put)
-        self._input = link
-        return link
+        if self.is_active and self._topics is not None:
+            self._topics.close()
+        self._topics = None
+        if self._link is None:  # the short range may end and begin again, and the counts go on
+            self._link = ShortRangeLink(occupancy_topic, self._deliver)
+        return self._link
 
-    def _advertise(self) -> None:
-        self._mask = Output(self, "long_range/mask")
-        self._occupancy = Output(self, "long_range/occupancy")
-        self._superpixels = Output(self, "long_range/superpixels")
-        self._clusters = Output(self, "long_range/clusters")
-        self._confidence = Output(self, "long_range/confidence")
-        self._overlay = Output(self, "long_range/overlay")
+    @property
+    def _input(self) -> LongRangeInput:
+        """Where frames come from now."""
+        if self._topics is not None:
+            return self._topics
+        assert self._link is not None  # one of the two is there while the node is active
+        return self._link
+
+    def _subscribed(self) -> TopicsInput:
+        return TopicsInput(
+            self, self._settings, self._worker.put, self._worker.refuse, is_mapped=lambda: self._outputs.are_mapped
+        )
+
+    def _deliver(self, frame: LongRangeFrame) -> None:
+        """Take a frame from the link, while the node is active."""
+        if self.is_active:
+            self._worker.put(frame)
+
+    def _problem(self) -> str:
+        """Return why no frames come, or what is wrong with those that do."""
+        return self._input.problem() or self._outputs.problem()
 
     def _process(self, frame: LongRangeFrame) -> None:
         left = frame.left()
@@ -94,13 +122,10 @@ class LongRangeNode(Node):
         detector = self._detector()
         appearance = detector.look(image)
         occupancy = frame.occupancy()
-        long_range = detector.extend(appearance, occupancy, stamp_ns=left.stamp_ns)
-        self._publish(left.header, image, occupancy, long_range)
-
-    def _reset_memory(self, request: Empty.Request, response: Empty.Response) -> Empty.Response:
-        # The memory belongs to the worker's thread, which may be at a frame.
-        self._is_to_forget.set()
-        return response
+        long_range = detector.extend(appearance, occupancy, stamp_ns=left.stamp_ns).without(left.unseen)
+        self._outputs.publish(left.header, image, occupancy, long_range)
+        if self._outputs.are_mapped and (geometry := frame.geometry()) is not None:
+            self._outputs.publish_maps(left.header, long_range, geometry, detector.config.maps)
 
     def _detector(self) -> LongRangeDetector:
         """Return the detector for the current parameters, with the memory of the one before where that still fits."""
@@ -112,18 +137,6 @@ class LongRangeNode(Node):
             self._is_to_forget.clear()
             self._cached_detector.memory.clear()
         return self._cached_detector
-
-    def _publish(
-        self, header: Header, image: NDArray[np.uint8], occupancy: NDArray[np.uint8], long_range: LongRange
-    ) -> None:
-        self._mask.publish_image(lambda: long_range.mask, header)
-        self._occupancy.publish_image(lambda: long_range.occupancy, header)
-        self._superpixels.publish_image(lambda: messages.as_uint16(long_range.superpixels), header)
-        self._clusters.publish_image(lambda: messages.as_uint16(long_range.clusters), header)
-        confidence = long_range.confidence
-        if confidence is not None:
-            self._confidence.publish_image(lambda: confidence, header)
-        self._overlay.publish_image(lambda: overlay(image, occupancy, long_range.occupancy), header)
 
 
 def _new_detector(config: Config, memory: Memory | None) -> LongRangeDetector:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import signal
 import sys
+import threading
 from collections.abc import Collection, Iterator, Sequence
 
 import rclpy
@@ -41,14 +42,19 @@ def run_nodes(names: Collection[str], *, ros_args: Sequence[str]) -> int:
     keep_freed_images()
     _compile_apart()
     use_segment(DETECTOR_PROFILE)
+    # Once it is up, ROS itself shuts down at a signal; a KeyboardInterrupt besides could come anywhere, even twice.
+    is_up = threading.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: None if is_up.is_set() else os._exit(0))
     try:
         rclpy.init(args=list(ros_args))
     except RuntimeError as err:
         return _wrong_usage(err)
+    is_up.set()
     nodes: list[Node] = []
     try:
         _spin(names, nodes)
-    except (KeyboardInterrupt, ExternalShutdownException):
+    except ExternalShutdownException:
         pass
     except (ValueError, ParameterException, InvalidQosOverridesError, NameValidationException) as err:
         return _wrong_usage(err)
@@ -56,11 +62,12 @@ def run_nodes(names: Collection[str], *, ros_args: Sequence[str]) -> int:
         if rclpy.ok():  # else a signal ended ROS while a node was being made
             raise
     finally:
-        # A second signal, which `ros2 launch` sends, would interrupt this cleanup.
-        signal.signal(signal.SIGINT, signal.SIG_IGN)
         for node in nodes:
             node.destroy_node()
         rclpy.try_shutdown()
+        # Python gives signals back their own way as it ends: a second one, which `ros2 launch` sends, would kill it.
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, signal.SIG_IGN)
     return 0
 
 

@@ -6,32 +6,25 @@ from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-from rclpy.node import Node
 from std_msgs.msg import Header
-from stereo_msgs.msg import DisparityImage
 
-from lrtrav_ros.camera import StereoCamera
 from lrtrav_ros.config import SHORT_RANGE_STAGES
 from lrtrav_ros.detector import ShortRangeDetector
 from lrtrav_ros.frame import Frame
 from lrtrav_ros.io.message_frames import FrameMessages, frame_of
-from lrtrav_ros.io.topics import DISPARITY
-from lrtrav_ros.method.ground import ShortRange
 from lrtrav_ros.nodes import messages
 from lrtrav_ros.nodes.diagnostics import Diagnostics, report_failure
-from lrtrav_ros.nodes.endpoints import Output
 from lrtrav_ros.nodes.inputs import INPUTS, Input
-from lrtrav_ros.nodes.long_range_inputs import LeftImage, ShortRangeLink
+from lrtrav_ros.nodes.long_range_inputs import LeftImage, NearGeometry, ShortRangeLink
 from lrtrav_ros.nodes.long_range_node import LongRangeNode
-from lrtrav_ros.nodes.parameters import Settings
+from lrtrav_ros.nodes.managed_node import ManagedNode
+from lrtrav_ros.nodes.short_range_outputs import ShortRangeOutputs
 from lrtrav_ros.nodes.warm_up import compile_kernels
 from lrtrav_ros.nodes.worker import Worker
 
 
-class ShortRangeNode(Node):
-    """Publishes disparity, ``short_range/mask`` and ``short_range/occupancy`` for each frame of its source.
+class ShortRangeNode(ManagedNode):
+    """Publishes disparity, ``short_range/mask``, ``short_range/occupancy`` and more for each frame of its source.
 
     Parameters
     ----------
@@ -48,56 +41,74 @@ class ShortRangeNode(Node):
     """
 
     def __init__(self, *, long_range: LongRangeNode | None = None, **options: Any) -> None:
-        super().__init__("short_range", **options)
-        self._settings = Settings(self, SHORT_RANGE_STAGES)
+        super().__init__("short_range", SHORT_RANGE_STAGES, **options)
+        self._long_range = long_range
+        self.start()
+
+    def configure(self) -> None:
+        """Make the publishers, and compile the kernels."""
+        config = self._settings.config
+        self._outputs = ShortRangeOutputs(self, config.source)
+        compile_kernels(config)
+
+    def activate(self) -> None:
+        """Make the subscriptions and the worker."""
         source = self._settings.config.source.source
-        self._advertise(with_disparity=source != "disparity")
-        compile_kernels(self._settings.config)
         self._cached_detector = ShortRangeDetector(self._settings.config)
         self._worker: Worker[FrameMessages] = Worker(self._process, failed=lambda err: report_failure(self, err))
         self._input: Input = INPUTS[source](self, self._settings, self._worker.put, self._worker.refuse)
-        # The other sources have no left image, or one of another time.
-        self._link = None if long_range is None or source != "stereo" else self._linked(long_range)
+        self._link = self._linked(source)
         self._diagnostics = Diagnostics(
             self,
             self._worker,
-            problem=self._input.problem,
+            problem=self._problem,
             frame_topic=lambda: self._input.frame_topic,
             n_replaced=lambda: self._input.calibrated.n_replaced,
         )
+        self._worker.start()
         self.get_logger().info(f"ready; source: {source}")
 
-    def destroy_node(self) -> None:
-        """End the worker, then the node."""
-        if hasattr(self, "_worker"):
-            self._worker.close()
-        super().destroy_node()
+    def deactivate(self) -> None:
+        """End the worker after the frame at hand."""
+        self._worker.close()
 
-    def _linked(self, long_range: LongRangeNode) -> ShortRangeLink | None:
+    def forget(self) -> None:
+        """Forget calibration, the ground of the frames before, and statistics."""
+        self._input.forget()
+        self._worker.forget()
+        self._outputs.forget()
+        self._cached_detector = ShortRangeDetector(self._settings.config)
+
+    def _linked(self, source: str) -> ShortRangeLink | None:
         """Return where to hand frames to the other node; None where it is to use topics."""
-        return long_range.link(left_topic=self._input.frame_topic.topic, occupancy_topic=self._occupancy.topic_name)
+        # The other sources have no left image, or one of another time.
+        if self._long_range is None or source != "stereo":
+            return None
+        rectified = self._outputs.left
+        return self._long_range.link(
+            left_topic=self._input.frame_topic.topic if rectified is None else rectified.topic_name,
+            occupancy_topic=self._outputs.occupancy.topic_name,
+        )
 
-    def _advertise(self, *, with_disparity: bool) -> None:
-        self._disparity = Output(self, DISPARITY, DisparityImage) if with_disparity else None
-        self._mask = Output(self, "short_range/mask")
-        self._occupancy = Output(self, "short_range/occupancy")
-        self._u_disparity = Output(self, "short_range/u_disparity")
-        self._v_disparity = Output(self, "short_range/v_disparity")
-        self._obstacle_disparity = Output(self, "short_range/obstacle_disparity")
+    def _problem(self) -> str:
+        """Return why no frames come, or what is wrong with those that do."""
+        return self._input.problem() or self._outputs.problem()
 
     def _process(self, frame_messages: FrameMessages) -> None:
         decoded = frame_messages.decoded()
         frame, header = frame_of(decoded), messages.header_of(decoded)
-        with self._handed_over(frame, header) as give_occupancy:
-            short_range = self._detector().detect(frame)
-            give_occupancy(short_range.occupancy)
-        self._publish(header, short_range, frame.camera)
+        self._outputs.publish_left(header, frame)
+        detector = self._detector()
+        with self._handed_over(frame, header) as give:
+            short_range = detector.detect(frame)
+            give(NearGeometry(short_range.occupancy, short_range.disparity, short_range.line, frame.camera))
+        self._outputs.publish(header, frame, short_range, detector.config)
 
-    def _handed_over(self, frame: Frame, header: Header) -> AbstractContextManager[Callable[[NDArray[np.uint8]], None]]:
+    def _handed_over(self, frame: Frame, header: Header) -> AbstractContextManager[Callable[[NearGeometry], None]]:
         """Hand a frame to the other node, where it is linked."""
         if self._link is None or frame.left is None:
-            return nullcontext(lambda occupancy: None)
-        return self._link.frame(LeftImage(header, frame.left))
+            return nullcontext(lambda geometry: None)
+        return self._link.frame(LeftImage(header, frame.left, frame.unseen))
 
     def _detector(self) -> ShortRangeDetector:
         """Return the detector for the current parameters; a new one where they have changed."""
@@ -105,16 +116,3 @@ class ShortRangeNode(Node):
         if self._cached_detector.config is not config:
             self._cached_detector = ShortRangeDetector(config)
         return self._cached_detector
-
-    def _publish(self, header: Header, short_range: ShortRange, camera: StereoCamera) -> None:
-        # Occupancy goes first: a long-range node in another process waits for it.
-        self._occupancy.publish_image(lambda: short_range.occupancy, header)
-        self._mask.publish_image(lambda: short_range.mask, header)
-        if self._disparity is not None:
-            n = self._cached_detector.config.stereo.n_disparities
-            self._disparity.publish(
-                lambda: messages.disparity_to_message(short_range.disparity, header, camera, n_disparities=n)
-            )
-        self._u_disparity.publish_image(lambda: short_range.u_disparity, header)
-        self._v_disparity.publish_image(lambda: messages.as_uint16(short_range.v_disparity), header)
-        self._obstacle_disparity.publish_image(lambda: short_range.obstacle_disparity, header)

@@ -16,7 +16,7 @@ _RATE_WINDOW_S = 5.0
 
 
 class Worker(Generic[_Item]):
-    """Runs `process` on one frame after the other in a thread of its own, and keeps count.
+    """Runs `process` on one frame after the other in a thread of its own, from `start` on, and keeps count.
 
     Parameters
     ----------
@@ -29,7 +29,9 @@ class Worker(Generic[_Item]):
     ----------
     processed, dropped, failed : int
         Number of frames that were processed, that a newer one replaced or that were given up, and that raised an
-        exception or were refused.
+        exception.
+    damaged : int
+        Number of messages that were refused, of whatever topic: no frame can be made of them.
     error : str
         Why the last frame failed; empty where it did not.
     """
@@ -38,6 +40,7 @@ class Worker(Generic[_Item]):
         self.processed = 0
         self.dropped = 0
         self.failed = 0
+        self.damaged = 0
         self.error = ""
         self._process = process
         self._report = failed
@@ -47,6 +50,9 @@ class Worker(Generic[_Item]):
         self._closed = False
         self._changed = threading.Condition()
         self._thread = threading.Thread(target=self._run, name="worker", daemon=True)
+
+    def start(self) -> None:
+        """Begin with the frames."""
         self._thread.start()
 
     def put(self, frame: _Item) -> None:
@@ -57,10 +63,18 @@ class Worker(Generic[_Item]):
             self._changed.notify()
 
     def refuse(self, err: Exception) -> None:
-        """Count and report a frame that is too damaged to be put."""
-        self.failed += 1
-        self.error = str(err) or type(err).__name__
-        self._report(err)
+        """Count and report a message that is too damaged for a frame to be put."""
+        self.damaged += 1
+        self._explain(err)
+
+    def forget(self) -> None:
+        """Set all counts to 0, and drop the frame that waits."""
+        with self._changed:
+            self._slot.clear()
+            self.processed = self.dropped = self.failed = self.damaged = 0
+            self.error = ""
+            self._durations_s.clear()
+            self._finished_s.clear()
 
     def close(self) -> None:
         """End the thread after the frame at hand; may be called twice."""
@@ -98,12 +112,24 @@ class Worker(Generic[_Item]):
             try:
                 self._process(frame)
             except CancelledError:
-                self.dropped += 1
+                with self._changed:
+                    self.dropped += 1
             except Exception as err:  # the worker outlives every frame
-                self.refuse(err)
+                with self._changed:
+                    self.failed += 1
+                self._explain(err)
             else:
-                self._durations_s.append(time.monotonic() - start)
-                self._finished_s.append(time.monotonic())
-                self.error = ""
-                self.processed += 1
+                self._count(time.monotonic() - start)
             del frame  # it may hold megabytes while the worker waits
+
+    def _count(self, duration_s: float) -> None:
+        """Count a frame that was processed."""
+        with self._changed:
+            self._durations_s.append(duration_s)
+            self._finished_s.append(time.monotonic())
+            self.error = ""
+            self.processed += 1
+
+    def _explain(self, err: Exception) -> None:
+        self.error = str(err) or type(err).__name__
+        self._report(err)

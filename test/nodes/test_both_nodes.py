@@ -64,7 +64,8 @@ def publish(graph, left, right, stamp):
     graph.publish("left/image_rect", image(left, stamp), n_subscriptions=2)
 
 
-def test_images_before_camera_info_wait_for_it_and_diagnostics_say_so(graph):
+def test_images_before_camera_info_wait_for_it_and_diagnostics_say_so(graph, monkeypatch):
+    monkeypatch.setattr("lrtrav_ros.nodes.inputs.CALIBRATION_PATIENCE_S", 0.0)
     left, right = stereo_pair()
     for stamp in (next(STAMPS), next(STAMPS)):
         graph.publish("right/image_rect", image(right, stamp))
@@ -124,8 +125,8 @@ def too_short(left, right):
 
 
 def unknown_encoding(left, right):
-    left.encoding = "yuv422_yuy2"
-    return "image encoding is 'yuv422_yuy2'"
+    left.encoding = "bayer_rggb12"
+    return "image encoding is 'bayer_rggb12'"
 
 
 def empty(left, right):
@@ -312,7 +313,7 @@ def test_debug_topics_when_subscribed(graph, topic, encoding, expected):
 
 def test_debug_topics_cost_nothing_when_nobody_subscribes(graph, monkeypatch):
     calls = []
-    monkeypatch.setattr("lrtrav_ros.nodes.long_range_node.overlay", lambda *arguments: calls.append(arguments))
+    monkeypatch.setattr("lrtrav_ros.nodes.long_range_outputs.overlay", lambda *arguments: calls.append(arguments))
     monkeypatch.setattr("lrtrav_ros.nodes.messages.as_uint16", calls.append)
     monkeypatch.setattr("lrtrav_ros.detector.spectral_clusters", lambda *arguments: calls.append(arguments))
     stamp = next(STAMPS)

@@ -13,6 +13,7 @@ from sensor_msgs.msg import Image
 from lrtrav_ros import Config, Detector
 from lrtrav_ros.config import NODE_DEFAULTS
 from lrtrav_ros.detector import ShortRangeDetector
+from lrtrav_ros.frame import Frame
 from lrtrav_ros.io.encodings import decode_message
 from lrtrav_ros.nodes.long_range_node import LongRangeNode
 from lrtrav_ros.nodes.short_range_node import ShortRangeNode
@@ -68,7 +69,7 @@ def test_a_sequence_gives_what_the_detector_gives(graph):
     for seed in range(4):
         pair, stamp = stereo_pair(seed), next(STAMPS)
         publish(graph, pair, stamp, n_left=1)
-        found = detector.detect(*pair)
+        found = detector.detect_frame(Frame(camera=CAMERA, left=pair[0], right=pair[1], stamp_ns=stamp))
         messages = {topic: graph.at(topic, stamp) for topic in OUTPUTS}
         assert {message.header.frame_id for message in messages.values()} == {FRAME_ID}
         expected = (found.short_range.mask, found.short_range.occupancy, found.long_range.mask)

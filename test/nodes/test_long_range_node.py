@@ -8,9 +8,21 @@ import pytest
 
 pytest.importorskip("rclpy")
 
+from nav_msgs.msg import OccupancyGrid
 from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
-from ros_graph import HEIGHT, WIDTH, Graph, image
+from ros_graph import (
+    CAMERA,
+    HEIGHT,
+    N_DISPARITIES,
+    WIDTH,
+    Graph,
+    camera_info,
+    ground_disparity,
+    header,
+    image,
+    value,
+)
 from sensor_msgs.msg import Image
 from std_srvs.srv import Empty
 
@@ -18,7 +30,9 @@ from lrtrav_ros.config import NODE_DEFAULTS, Config
 from lrtrav_ros.detector import LongRangeDetector
 from lrtrav_ros.io.encodings import decode_message
 from lrtrav_ros.io.message_frames import header_stamp_ns
+from lrtrav_ros.nodes import long_range_inputs
 from lrtrav_ros.nodes.long_range_node import LongRangeNode
+from lrtrav_ros.nodes.messages import disparity_to_message
 
 SETTINGS = {"superpixels.n_superpixels": 40}
 CONFIG = Config().updated({**SETTINGS, **NODE_DEFAULTS})
@@ -106,7 +120,7 @@ def set_parameters(graph, values):
 
 
 def reset(graph):
-    call(graph, Empty, "long_range/reset_memory", Empty.Request())
+    call(graph, Empty, "long_range/reset", Empty.Request())
 
 
 def test_what_was_near_teaches_the_next_frame(graph):
@@ -195,3 +209,61 @@ def test_confidence_is_published_only_by_the_rule_that_finds_it(graph):
     assert stamp not in [header_stamp_ns(message) for message in graph.received["long_range/confidence"]]
     graph.tester.destroy_subscription(subscription)
     graph.spin_until(lambda: publisher.get_subscription_count() == 0)
+
+
+@pytest.fixture
+def mapped(graph):
+    """The graph while somebody wants grids, which the node knows."""
+    subscription = graph.listen(OccupancyGrid, "long_range/grid")
+    names = ("disparity", "short_range/ground_disparity", "left/camera_info")
+    graph.spin_until(lambda: all(graph.tester.count_subscribers(name) for name in names))
+    yield graph
+    graph.tester.destroy_subscription(subscription)
+    graph.spin_until(lambda: not any(graph.tester.count_subscribers(name) for name in names))
+
+
+def publish_geometry(graph, stamp, topics=("short_range/ground_disparity", "disparity")):
+    message = disparity_to_message(ground_disparity(), header(stamp), CAMERA, n_disparities=N_DISPARITIES)
+    for topic in topics:
+        graph.publish(topic, message)
+
+
+def test_masks_do_not_wait_for_a_geometry_that_does_not_come(mapped, monkeypatch):
+    monkeypatch.setattr(long_range_inputs, "_GEOMETRY_TIMEOUT_S", 0.1)
+    monkeypatch.setattr(long_range_inputs, "PATIENCE_S", 0.0)
+    failed = value(mapped.status("long_range"), "frames failed")
+    stamp = start(mapped)
+    status = mapped.status("long_range", lambda status: "no maps" in status.message)
+    monkeypatch.setattr(long_range_inputs, "_GEOMETRY_TIMEOUT_S", 60.0)
+    detected(mapped, FAR, stamp)
+    detected(mapped, FAR, stamp + PERIOD_NS)
+    begin, *lines = status.message.splitlines()[-4:]
+    assert begin == (
+        "no maps: nothing with the stamp of the occupancy has come on "
+        "/long/disparity and /long/short_range/ground_disparity and /long/left/camera_info"
+    )
+    for line, topic in zip(lines, ("disparity", "short_range/ground_disparity", "left/camera_info"), strict=True):
+        assert line.startswith(f"nothing has come on /long/{topic} (")
+    assert value(mapped.status("long_range"), "frames failed") == failed
+    assert mapped.received["long_range/grid"] == []
+
+
+def test_a_geometry_that_comes_is_waited_for_until_it_is_lost(mapped, monkeypatch):
+    monkeypatch.setattr(long_range_inputs, "_GEOMETRY_TIMEOUT_S", 0.0)
+    geometry = mapped.nodes[0]._topics._geometry
+    first = start(mapped)
+    late, lost, last = (first + i * PERIOD_NS for i in range(1, 4))
+    mapped.publish("left/camera_info", camera_info())
+    detected(mapped, FAR, first)
+    mapped.spin_until(lambda: not geometry._is_coming)
+    monkeypatch.setattr(long_range_inputs, "_GEOMETRY_TIMEOUT_S", 60.0)
+    publish_geometry(mapped, first)  # too late, but now the node knows that it comes
+    mapped.spin_until(lambda: geometry._is_coming)
+    detected(mapped, FAR, late)
+    publish_geometry(mapped, late)
+    assert mapped.at("long_range/grid", late).info.height > 0
+    detected(mapped, FAR, lost)
+    publish_geometry(mapped, last)
+    detected(mapped, FAR, last)
+    mapped.at("long_range/grid", last)
+    assert {header_stamp_ns(message) for message in mapped.received["long_range/grid"]} == {late, last}

@@ -7,11 +7,13 @@ import pytest
 pytest.importorskip("rclpy")
 
 from ros_graph import CAMERA, header
-from sensor_msgs.msg import CompressedImage, Image
+from sensor_msgs.msg import CompressedImage, Image, PointField
 from stereo_msgs.msg import DisparityImage
 
 from lrtrav_ros.io.encodings import decode_message
 from lrtrav_ros.io.message_frames import depth_in_metres, disparity_in_pixels, header_stamp_ns
+from lrtrav_ros.mapping.grid import Grid
+from lrtrav_ros.mapping.ground_frame import GroundFrame
 from lrtrav_ros.nodes import messages
 
 RNG = np.random.default_rng(0)
@@ -83,3 +85,45 @@ def test_depth_in_either_encoding():
 
 def test_labels_beyond_16_bits_are_cut():
     np.testing.assert_array_equal(messages.as_uint16(np.array([[0, 65535, 70000]], np.int32)), [[0, 65535, 65535]])
+
+
+def test_points_are_a_cloud_of_floats():
+    points = RNG.random((7, 3)).astype(np.float32)
+    message = messages.points_to_message(points, header(12_000_000_034))
+    assert (message.header.stamp.sec, message.header.stamp.nanosec) == (12, 34)
+    assert [(f.name, f.offset, f.datatype, f.count) for f in message.fields] == [
+        (name, 4 * i, PointField.FLOAT32, 1) for i, name in enumerate("xyz")
+    ]
+    assert (message.height, message.width, message.point_step, message.row_step) == (1, 7, 12, 84)
+    assert (message.is_bigendian, message.is_dense) == (False, True)
+    np.testing.assert_array_equal(np.frombuffer(message.data, "<f4").reshape(7, 3), points)
+    empty = messages.points_to_message(points[:0], header(0))
+    assert (empty.height, empty.width, len(empty.data), len(empty.fields)) == (1, 0, 0, 3)
+
+
+def test_an_image_of_points_is_an_organised_cloud():
+    points = RNG.random((4, 6, 3)).astype(np.float32)
+    points[0] = np.nan
+    message = messages.points_to_message(points, header(0))
+    assert (message.height, message.width, message.row_step, message.is_dense) == (4, 6, 72, False)
+    np.testing.assert_array_equal(np.frombuffer(message.data, "<f4").reshape(4, 6, 3), points)
+
+
+def test_a_grid_is_drawn_in_its_frame():
+    cells = np.array([[0, 100, -1], [-1, 0, 100]], np.int8)
+    message = messages.grid_to_message(Grid(cells, 0.25, (1.0, -2.0)), header(12_000_000_034), "base_link")
+    assert (message.header.frame_id, message.header.stamp.sec) == ("base_link", 12)
+    info = message.info
+    assert (info.width, info.height, info.resolution) == (3, 2, 0.25)
+    assert (info.origin.position.x, info.origin.position.y, info.origin.orientation.w) == (1.0, -2.0, 1.0)
+    assert list(message.data) == [0, 100, -1, -1, 0, 100]  # rows of x, one y after the other
+
+
+def test_the_cameras_pose_is_in_the_frame_below_it():
+    rotation = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])  # a level camera
+    message = messages.pose_to_message(GroundFrame(rotation, 0.75), header(12_000_000_034))
+    assert message.header.frame_id == f"{header(0).frame_id}_ground"
+    assert message.header.stamp.nanosec == 34
+    position, turn = message.pose.position, message.pose.orientation
+    assert (position.x, position.y, position.z) == (0.0, 0.0, 0.75)
+    assert (turn.x, turn.y, turn.z, turn.w) == pytest.approx((-0.5, 0.5, -0.5, 0.5))

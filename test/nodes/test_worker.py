@@ -20,6 +20,7 @@ class Job:
         self.gate = threading.Semaphore(0)
         self.finished = threading.Semaphore(0)
         self.worker = Worker(self.process, failed=self.report)
+        self.worker.start()
 
     def process(self, frame):
         self.entered.release()
@@ -88,11 +89,11 @@ def test_a_frame_that_is_given_up_is_dropped_without_a_report(job):
     assert (job.worker.processed, job.worker.dropped, job.worker.failed, job.worker.error) == (1, 1, 0, "")
 
 
-def test_a_frame_that_is_refused_counts_as_failed(job):
+def test_a_message_that_is_refused_is_counted_apart_from_the_frames(job):
     error = ValueError("damaged")
     job.worker.refuse(error)
     assert job.reported == [error]
-    assert (job.worker.failed, job.worker.error) == (1, "damaged")
+    assert (job.worker.damaged, job.worker.failed, job.worker.error) == (1, 0, "damaged")
 
 
 def test_close_ends_the_thread_with_frames_waiting_and_twice(job):

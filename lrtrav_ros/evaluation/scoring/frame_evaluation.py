@@ -84,10 +84,9 @@ def make_setup(
         config = dataclasses.replace(method.configuration(values), threads=1)
         seeded.append(SeededMethod(method, tuple(_with_seeds(config, n_seeds if method.is_random else 1))))
     geometry = Config.preset("robust").updated({**values, "source.max_depth_m": 0.0, "threads": 1})
-    if geometry.memory.frames:
+    for name, value in geometry.memories.items():
         raise ValueError(
-            f"memory.frames is {geometry.memory.frames}, but frames are evaluated one by one, each without those "
-            "before it; set it to 0"
+            f"{name} is {value}, but frames are evaluated one by one, each without those before it; set it to 0"
         )
     return Setup(tuple(seeded), geometry, save_masks)
 
