@@ -65,7 +65,8 @@ setup(
     data_files=[
         ("share/ament_index/resource_index/packages", ["resource/lrtrav_ros"]),
         ("share/lrtrav_ros", ["package.xml"]),
-        ("share/lrtrav_ros/config", sorted(map(str, Path("config").iterdir()))),
+        ("share/lrtrav_ros/config", sorted(map(str, Path("config").glob("*.*")))),
+        ("share/lrtrav_ros/config/cameras", sorted(map(str, Path("config", "cameras").iterdir()))),
         ("share/lrtrav_ros/launch", ["launch/detector.launch.py"]),
     ],
     distclass=DistributionWithData,
@@ -92,6 +93,7 @@ setup(
             "distributed",
             "mypy",
             "pytest",
+            "pytest-xdist",
             "ruff",
             "scikit-learn>=1.3",
             "setuptools>=70.1,<80",

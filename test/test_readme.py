@@ -32,11 +32,15 @@ def test_parameters_have_the_defaults_of_the_table() -> None:
 
 
 def test_topics_of_the_table_are_those_of_the_nodes() -> None:
-    listed = {name for name in re.findall(r"`([a-z_/]+)`", section("Topics")) if "/" in name and "_msgs" not in name}
-    source = "".join(path.read_text(encoding="utf-8") for path in (ROOT / "lrtrav_ros" / "nodes").glob("*node.py"))
-    published = set(re.findall(r'"((?:short|long)_range/[a-z_]+)"', source))
-    inputs = {topics.LEFT_IMAGE, topics.RIGHT_IMAGE, topics.LEFT_INFO, topics.RIGHT_INFO, topics.DEPTH_IMAGE}
-    assert listed == published | inputs | {"/diagnostics"}
+    table = "".join(line.split("|")[3] for line in section("Topics").splitlines() if line.startswith("| "))
+    listed = {name for name in re.findall(r"`([a-z_/~]+)`", table) if "." not in name}
+    nodes = "".join(path.read_text(encoding="utf-8") for path in (ROOT / "lrtrav_ros" / "nodes").glob("*_*.py"))
+    published = set(
+        re.findall(r'"((?:(?:short|long)_range|segmentation)/[a-z_]+|obstacles|free|depth|~/[a-z]+)"', nodes)
+    )
+    named = {value for name, value in vars(topics).items() if name.isupper() and isinstance(value, str)}
+    inputs = {name for name in named if "_msgs" not in name}
+    assert listed - {"~/change_state"} == published | inputs | {"/diagnostics"}
 
 
 def test_every_dependency_is_named_with_its_reason() -> None:
