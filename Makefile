@@ -4,6 +4,8 @@ SUPPORTED := import sys; sys.exit(not (3, 10) <= sys.version_info[:2] <= (3, 13)
 PYTHON ?= $(shell for python in python3 python3.12 python3.11 python3.13 python3.10; do \
 	$$python -c '$(SUPPORTED)' 2>/dev/null && { echo $$python; break; }; done)
 BIN := .venv/bin
+# Files beside each other: many tests wait for processes.
+PYTEST := $(BIN)/pytest -n 2 --dist loadfile
 PACKAGE := setup.py package.xml $(wildcard config/* launch/*)
 
 .PHONY: demo test test-bounds lint tables clean
@@ -12,11 +14,11 @@ demo: .venv/installed
 	$(BIN)/lrtrav demo --output demo --overwrite
 
 test: .venv/installed-for-tests
-	$(BIN)/pytest
+	$(PYTEST)
 
 # An index outside its array is an error here. Kernels with that check need a cache of their own.
 test-bounds: .venv/installed-for-tests
-	NUMBA_BOUNDSCHECK=1 NUMBA_CACHE_DIR="$(CURDIR)/.cache/numba-boundscheck" $(BIN)/pytest
+	NUMBA_BOUNDSCHECK=1 NUMBA_CACHE_DIR="$(CURDIR)/.cache/numba-boundscheck" $(PYTEST)
 
 lint: .venv/installed-for-tests
 	$(BIN)/ruff check .

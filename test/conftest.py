@@ -15,7 +15,16 @@ shared_memory.use_segment(shared_memory.IMAGES_PROFILE)
 _LOGS = tempfile.TemporaryDirectory(prefix="lrtrav_ros_log_")
 os.environ["ROS_LOG_DIR"] = _LOGS.name
 
+import cluster  # noqa: E402
 import pytest  # noqa: E402
+
+
+@pytest.fixture(scope="session")
+def dask_cluster(tmp_path_factory):
+    """A Dask cluster with one worker, for all tests of the run; each adds the workers that it kills."""
+    pytest.importorskip("distributed")
+    with cluster.cluster(tmp_path_factory.mktemp("dask")) as started:
+        yield started
 
 
 @pytest.fixture(scope="session")
@@ -25,6 +34,7 @@ def ros():
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of the parser that rclpy imports with the first message
         importlib.import_module("rosidl_generator_py")
-    rclpy.init(args=[])
+    options = importlib.import_module("rclpy.signals").SignalHandlerOptions.NO  # signals are the tests' own
+    rclpy.init(args=[], signal_handler_options=options)
     yield
     rclpy.try_shutdown()

@@ -25,7 +25,13 @@ ROS_MODULES = (
     "stereo_msgs",
     "std_msgs",
     "diagnostic_msgs",
+    "geometry_msgs",
+    "lifecycle_msgs",
+    "nav_msgs",
     "rosgraph_msgs",
+    "tf2_msgs",
+    "tf2_ros",
+    "vision_msgs",
     "builtin_interfaces",
 )
 
@@ -66,6 +72,7 @@ def test_wheel_holds_all_of_the_package_and_what_ros_looks_for(source: Path, tmp
         "ament_index/resource_index/packages/lrtrav_ros",
         "lrtrav_ros/package.xml",
         "lrtrav_ros/config/robust.yaml",
+        "lrtrav_ros/config/cameras/realsense_stereo.yaml",
         "lrtrav_ros/launch/detector.launch.py",
     } <= {name.split("/data/share/")[1] for name in files if "/data/share/" in name}
 
@@ -160,17 +167,42 @@ def imported_modules(path: Path) -> set[str]:
 @pytest.mark.parametrize(
     ("room", "allowed"),
     [
-        ("config.py", set()),
+        ("config.py", {"pose"}),
         ("camera.py", set()),
         ("frame.py", {"camera", "numerics"}),
+        ("pose.py", {"numerics"}),
+        ("registration.py", {"camera", "numerics", "pose", "_registration_kernels"}),
+        ("rectification.py", {"camera", "frame", "numerics"}),
         ("detector.py", {"camera", "config", "frame", "method", "numerics"}),
         ("numerics", {"numerics"}),
         ("method", {"camera", "config", "frame", "method", "numerics"}),
+        ("mapping", {"camera", "config", "frame", "mapping", "method", "numerics", "pose"}),
         ("synthetic", {"camera", "config", "frame", "numerics", "synthetic"}),
-        ("io", {"camera", "config", "detector", "frame", "io", "method"}),
+        (
+            "io",
+            {
+                "camera",
+                "config",
+                "detector",
+                "frame",
+                "io",
+                "mapping",
+                "method",
+                "numerics",
+                "pose",
+                "rectification",
+                "registration",
+            },
+        ),
         ("offline", {"camera", "config", "detector", "io", "offline"}),
         ("benchmark", {"benchmark", "config", "detector", "frame", "method", "nodes", "synthetic"}),
-        ("nodes", {"camera", "config", "detector", "frame", "io", "method", "nodes", "numerics"}),
+        (
+            "nodes",
+            {
+                *("camera", "config", "detector", "frame", "io", "mapping"),
+                *("method", "nodes", "numerics", "pose", "registration"),
+            },
+        ),
     ],
 )
 def test_a_room_imports_only_what_lies_further_in(room: str, allowed: set[str]) -> None:

@@ -30,6 +30,7 @@ _TOPICS = (
     "long_range/mask",
     "long_range/superpixels",
     "long_range/clusters",
+    "long_range/grid",
 )
 _TRUSTED_M = 10.0  # as far as a small stereo camera sees; what lies beyond is for the long range
 _QUIET = ("--log-level", "error")  # the nodes would say that no images come while these are rendered
@@ -77,7 +78,7 @@ def run(args: argparse.Namespace) -> int:
         _write(path, scored, results)
     for line in _table(scored, len(frames), results):
         print(line)
-    print(f"\n{args.output}/overlay.mp4, {args.output}/stages.jpg, masks in {args.output}/long_range")
+    print(f"\nin {args.output}: overlay.mp4, stages.jpg, grid.jpg, masks in long_range")
     return 0
 
 
@@ -124,9 +125,7 @@ def _render(scene: Any, bag: Path) -> list[SyntheticFrame]:
     return frames
 
 
-def _replay(
-    bag: Path, detector: subprocess.Popen[bytes], *, n_frames: int, rate: float
-) -> dict[int, dict[str, NDArray[Any]]]:
+def _replay(bag: Path, detector: subprocess.Popen[bytes], *, n_frames: int, rate: float) -> dict[int, dict[str, Any]]:
     """Replay the bag through the running detector; return the images that come back, by stamp and topic."""
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     from tqdm import tqdm
@@ -164,7 +163,7 @@ def _stamp(frame: SyntheticFrame) -> int:
     return 0 if stamp_ns is None else stamp_ns
 
 
-def _write(path: Path, frames: Sequence[SyntheticFrame], results: dict[int, dict[str, NDArray[Any]]]) -> None:
+def _write(path: Path, frames: Sequence[SyntheticFrame], results: dict[int, dict[str, Any]]) -> None:
     """Write masks, pictures and the video."""
     from tqdm import tqdm
 
@@ -177,6 +176,7 @@ def _write(path: Path, frames: Sequence[SyntheticFrame], results: dict[int, dict
     _write_video(path / "overlay.mp4", [_side_by_side(frame, results[_stamp(frame)]) for frame in frames])
     middle = frames[len(frames) // 2]
     images = results[_stamp(middle)]
+    write_image(path / "grid.jpg", _with_grid(middle, images))
     picture = stages_picture(
         middle.frame.image,
         short_range=images["short_range/occupancy"],
@@ -203,16 +203,23 @@ def _write_video(path: Path, pictures: Sequence[NDArray[np.uint8]]) -> None:
         video.release()
 
 
-def _side_by_side(frame: SyntheticFrame, images: dict[str, NDArray[Any]]) -> NDArray[np.uint8]:
+def _side_by_side(frame: SyntheticFrame, images: dict[str, Any]) -> NDArray[np.uint8]:
     import numpy as np
 
-    from lrtrav_ros.io.pictures import colour_image, overlay
+    from lrtrav_ros.io.pictures import colour_image
+
+    return np.hstack([colour_image(frame.frame.image), _with_grid(frame, images)])
+
+
+def _with_grid(frame: SyntheticFrame, images: dict[str, Any]) -> NDArray[np.uint8]:
+    """Return what was found in a frame, in the image and on the ground."""
+    from lrtrav_ros.io.pictures import overlay, overlay_beside_grid
 
     drawn = overlay(frame.frame.image, images["short_range/occupancy"], images["long_range/occupancy"])
-    return np.hstack([colour_image(frame.frame.image), drawn])
+    return overlay_beside_grid(drawn, images["long_range/grid"])
 
 
-def _table(frames: Sequence[SyntheticFrame], n_sent: int, results: dict[int, dict[str, NDArray[Any]]]) -> list[str]:
+def _table(frames: Sequence[SyntheticFrame], n_sent: int, results: dict[int, dict[str, Any]]) -> list[str]:
     from lrtrav_ros.evaluation.scoring.scores import mean_scores, score
 
     lines = [f"\n{len(frames)} of {n_sent} frames detected", f"{'mask':12} {'precision':>9} {'recall':>7} {'RMSE':>7}"]

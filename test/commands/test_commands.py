@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 from recorded import WIDTH, frames, write_dataset
 
+from lrtrav_ros.benchmark.memory import Memory
 from lrtrav_ros.commands import COMMANDS, detect, evaluate, generate, run, run_lrtrav
 from lrtrav_ros.commands.options import add_detection_options, config_from, settings_from
 from lrtrav_ros.commands.usage_error import UsageError
@@ -99,9 +100,14 @@ def test_failure_is_one_line_on_standard_error_and_exits_with_1(
         (["detect", "x", "--output", "y", "--params", "PARAMS"], "PARAMS: no parameter 'stereo.mathcer'; did you mean"),
         (["evaluate", "x", "--output", "y", "--params", "PARAMS"], "PARAMS: no parameter 'stereo.mathcer'"),
         (["detect", "x", "--output", "y", "--jobs", "0", "--set", "memory.frames=5"], "memory.frames is 5, so each"),
+        (["detect", "x", "--output", "y", "--jobs", "2", "--set", "ground.memory_s=1"], "ground.memory_s is 1.0, so"),
         (
             ["evaluate", "x", "--output", "y", "--set", "memory.frames=5"],
             "memory.frames is 5, but frames are evaluated",
+        ),
+        (
+            ["evaluate", "x", "--output", "y", "--set", "ground.memory_s=0.5"],
+            "ground.memory_s is 0.5, but frames are evaluated",
         ),
         (["benchmark", "--set", "clustering.k=-1"], "clustering.k is -1; give 0 to 1000"),
         (["replay", "x", "--rate", "0"], "rate is 0; give a number above 0"),
@@ -190,9 +196,10 @@ def test_benchmark_prints_every_stage_and_writes_json(tmp_path: Path, capsys: py
 
 
 def test_benchmark_of_several_sizes_and_numbers_of_superpixels_draws_how_time_grows(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     json_file, chart = tmp_path / "figures.json", tmp_path / "new" / "chart.svg"
+    monkeypatch.setattr("lrtrav_ros.benchmark.figures.measure_memory", lambda workload: Memory(1.0, 2.0))
     sweep = ["--sizes", "96x64,128x96", "--superpixels", "30,60,30"]
     assert run("benchmark", [*sweep, *TINY, "--json", str(json_file), "--chart", str(chart)]) == 0
     workloads = json.loads(json_file.read_text())["workloads"]
@@ -203,7 +210,8 @@ def test_benchmark_of_several_sizes_and_numbers_of_superpixels_draws_how_time_gr
     assert rows == [["96", "x", "64", "30"], ["96", "x", "64", "60"], ["128", "x", "96", "30"]]
 
 
-def test_benchmark_takes_frames_and_settings_that_are_given(tmp_path: Path) -> None:
+def test_benchmark_takes_frames_and_settings_that_are_given(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("lrtrav_ros.benchmark.figures.measure_memory", lambda workload: Memory(1.0, 2.0))
     folder, file = write_dataset(tmp_path / "set", frames("disparity", n=2)), tmp_path / "figures.json"
     settings = ["--set", "threads=3", "--set", "stereo.n_disparities=40", "--set", "superpixels.n_superpixels=50"]
     arguments = ["--input", str(folder), "--rounds", "1", *settings, "--json", str(file)]
@@ -272,15 +280,15 @@ def test_benchmark_measures_running_nodes(tmp_path: Path, capsys: pytest.Capture
 
 def test_demo_shows_all_of_it(tmp_path: Path) -> None:
     output = tmp_path / "demo"
-    command = [sys.executable, "-m", "lrtrav_ros", "demo", "--output", str(output), "--frames", "4", "--rate", "0.2"]
+    command = [sys.executable, "-m", "lrtrav_ros", "demo", "--output", str(output), "--frames", "3", "--rate", "0.5"]
     done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
     assert done.returncode == 0, done.stderr
-    assert "4 of 4 frames detected" in done.stdout
+    assert "3 of 3 frames detected" in done.stdout
     rows = {line.split()[0]: line.split()[1:] for line in done.stdout.splitlines() if "_range " in line}
     precision, recall, _ = map(float, rows["long_range"])
     assert precision > 0.9
     assert recall > float(rows["short_range"][1])
-    assert len(list((output / "long_range").glob("*.png"))) == 4
+    assert len(list((output / "long_range").glob("*.png"))) == 3
     assert (output / "overlay.mp4").stat().st_size > 10_000
-    assert (output / "stages.jpg").stat().st_size > 10_000
+    assert all((output / name).stat().st_size > 10_000 for name in ("stages.jpg", "grid.jpg"))
     assert (output / "bag").is_dir()

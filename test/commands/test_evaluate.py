@@ -267,16 +267,17 @@ def test_interrupted_run_resumes_and_ends_with_the_same_files(dataset, evaluated
     assert contents(output) == contents(evaluated)
 
 
-def test_cluster_gives_the_same_files_though_a_worker_dies(dataset, evaluated, tmp_path, monkeypatch):
+def test_cluster_gives_the_same_files_though_a_worker_dies(dataset, evaluated, tmp_path, monkeypatch, dask_cluster):
     output, write = tmp_path / "out", evaluation_folder.EvaluationFolder.write
-    with clusters.cluster(tmp_path) as (address, workers):
+    with dask_cluster.another_worker() as worker:
 
         def write_and_kill(folder, outcome):
-            workers[0].kill()
+            worker.kill()
             write(folder, outcome)
 
         monkeypatch.setattr(evaluation_folder.EvaluationFolder, "write", write_and_kill)
-        assert evaluate(dataset, output=output, options=usual("--save-masks", "--cluster", address)) == 0
+        assert evaluate(dataset, output=output, options=usual("--save-masks", "--cluster", dask_cluster.address)) == 0
+        assert worker.wait(10) != 0
     assert contents(output) == contents(evaluated)
 
 

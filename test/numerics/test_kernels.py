@@ -32,8 +32,9 @@ def imports(path: Path) -> set[str]:
 
 def test_there_are_kernels() -> None:
     found = {path.stem for path in KERNELS}
-    names = ("comparison", "delaunay", "elas", "extension", "features", "ground", "propagation", "raycasting")
-    assert found == {f"_{name}_kernels" for name in (*names, "refinement", "superpixels", "textures")}
+    names = ("comparison", "delaunay", "elas", "extension", "features", "grid", "ground", "propagation", "raycasting")
+    others = ("points", "refinement", "registration", "rvl", "segmentation", "slopes", "superpixels", "textures")
+    assert found == {f"_{name}_kernels" for name in (*names, *others)}
 
 
 @pytest.mark.parametrize("path", KERNELS, ids=lambda path: path.stem)
