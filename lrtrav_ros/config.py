@@ -507,7 +507,8 @@ class GroundConfig(CheckedConfig):
     )
     min_drop_m: float = setting(
         0.2,
-        "what lies this far below the ground, behind a rim of ground, is an obstacle: ditches, steps down, edges; "
+        "what lies this far below the ground, behind a rim of ground and 0.2 m wide at least, is an obstacle: ditches, "
+        "steps down, edges; "
         "0 for none, as with min_obstacle_m = 0; raise it on rough slopes",
         minimum=0.0,
         maximum=5.0,
