@@ -68,6 +68,11 @@ class StereoCamera:
         if self.width is not None and self.height is not None and self.width * self.height > _MAX_PIXELS:
             raise ValueError(f"images are {self.width} x {self.height}; give a size of at most {_MAX_PIXELS} pixels")
 
+    @property
+    def coefficients(self) -> NDArray[np.float64]:
+        """fx, fy, cx, cy and fx times the baseline, (5,) float64."""
+        return np.array([self.fx, self.fy, self.cx, self.cy, self.fx * self.baseline_m])
+
     def check_size(self, shape: tuple[int, ...]) -> None:
         """Raise ValueError where an image of this shape, (height, width, ...), is not of the calibrated size."""
         if self.width is None or self.height is None or shape[:2] == (self.height, self.width):

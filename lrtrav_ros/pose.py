@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from lrtrav_ros.numerics.checks import check_array, check_finite
+from lrtrav_ros.numerics.checks import check_array, check_finite, check_rotation
 
 _MAX_NORM_ERROR = 0.01
 """A quaternion that was rounded to three digits still counts as a rotation."""
@@ -36,12 +36,9 @@ class Pose:
     translation_m: NDArray[np.float64]
 
     def __post_init__(self) -> None:
-        check_array("rotation", self.rotation, np.float64, (3, 3))
+        check_rotation("rotation", self.rotation)
         check_array("translation", self.translation_m, np.float64, (3,))
-        check_finite("rotation", self.rotation)
         check_finite("translation", self.translation_m)
-        if not np.allclose(self.rotation @ self.rotation.T, np.eye(3), atol=1e-6) or np.linalg.det(self.rotation) < 0:
-            raise ValueError(f"rotation is {self.rotation.tolist()}; give an orthonormal matrix of determinant 1")
 
     @classmethod
     def of_quaternion(cls, translation_m: Sequence[float], quaternion: Sequence[float]) -> Pose:

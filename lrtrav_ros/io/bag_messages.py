@@ -119,7 +119,7 @@ def ground_pose_message(header: Any, ground: GroundFrame) -> Any:
 
 def ground_transform_message(header: Any, ground: GroundFrame) -> Any:
     """Return the ground frame as a child of the frame of the camera that a header names, a ``tf2_msgs/TFMessage``."""
-    x, y, z = (-ground.height_m * ground.rotation[2]).tolist()  # the foot point: down from the camera
+    x, y, z = ground.pose_in_camera.translation_m.tolist()
     qx, qy, qz, qw = ground.quaternion
     transform = ROS2.types["geometry_msgs/msg/Transform"](
         translation=ROS2.types["geometry_msgs/msg/Vector3"](x=x, y=y, z=z), rotation=_quaternion(-qx, -qy, -qz, qw)

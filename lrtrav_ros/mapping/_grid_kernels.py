@@ -8,10 +8,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from lrtrav_ros.method.ground import GROUND, OBSTACLE, UNKNOWN
 from lrtrav_ros.numerics.kernels import inlined_kernel, kernel
 
 FREE, OCCUPIED, UNSEEN = 0, 100, -1
-GROUND, OBSTACLE, UNKNOWN = 0, 100, 255
 
 _LEAST_HEIGHT_M = 0.05  # of a thing: what covers fewer rows is a speck
 _LEAST_GROUND_PX = 3  # rows: less ground than this within a thing is a speck

@@ -5,10 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from lrtrav_ros.method.ground import GROUND, OBSTACLE
 from lrtrav_ros.numerics.kernels import inlined_kernel, kernel
-
-GROUND = 0
-OBSTACLE = 100
 
 _BITS = 21  # of each of the three numbers of a cell
 _MASK = (1 << _BITS) - 1

@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from lrtrav_ros.method.ground import OBSTACLE
 from lrtrav_ros.numerics.kernels import kernel
-
-OBSTACLE = 100
 
 _ZERO, _HALF, _ONE = np.float32(0.0), np.float32(0.5), np.float32(1.0)
 _NONE = np.float32(np.nan)

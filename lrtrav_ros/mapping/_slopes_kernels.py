@@ -12,9 +12,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from lrtrav_ros.method.ground import GROUND
 from lrtrav_ros.numerics.kernels import inlined_kernel, kernel
-
-GROUND = 0
 
 _ROWS = 2  # from one row that is looked at to the next
 _LEAST = 4  # pixels of a strip's row that have to have disparity

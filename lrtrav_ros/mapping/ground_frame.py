@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from lrtrav_ros.camera import StereoCamera
 from lrtrav_ros.method.ground import GroundLine
-from lrtrav_ros.numerics.checks import check_array, check_finite
+from lrtrav_ros.numerics.checks import check_array, check_finite, check_rotation
 from lrtrav_ros.pose import Pose
 
 
@@ -37,10 +37,7 @@ class GroundFrame:
     height_m: float
 
     def __post_init__(self) -> None:
-        check_array("rotation", self.rotation, np.float64, (3, 3))
-        check_finite("rotation", self.rotation)
-        if not np.allclose(self.rotation @ self.rotation.T, np.eye(3), atol=1e-6) or np.linalg.det(self.rotation) < 0:
-            raise ValueError(f"rotation is {self.rotation.tolist()}; give an orthonormal matrix of determinant 1")
+        check_rotation("rotation", self.rotation)
         if not 0 < self.height_m < np.inf:
             raise ValueError(f"height is {self.height_m} m; give a positive number")
 

@@ -72,8 +72,8 @@ def obstacle_points(
     return kernels.obstacle_points(
         np.ascontiguousarray(disparity),
         np.ascontiguousarray(occupancy),
-        _coefficients(line),
-        _intrinsics(camera),
+        line.coefficients,
+        camera.coefficients,
         frame.rotation[2].copy(),
         np.array([least_height_m, config.clearance_m]) / frame.height_m,
         scale / config.length_m,
@@ -114,19 +114,9 @@ def free_points(
         return np.empty((0, 3), np.float32)
     return kernels.free_points(
         np.ascontiguousarray(occupancy),
-        _coefficients(line),
-        _intrinsics(camera),
+        line.coefficients,
+        camera.coefficients,
         np.ascontiguousarray(GroundFrame.of(line, camera).rotation),
         camera.fx * camera.baseline_m / config.length_m,
         config.cell_m,
     )
-
-
-def _coefficients(line: GroundLine) -> NDArray[np.float64]:
-    """Return a line as kernels take it."""
-    return np.array([line.slope, line.intercept, line.tilt, line.bend])
-
-
-def _intrinsics(camera: StereoCamera) -> NDArray[np.float64]:
-    """Return a calibration as kernels take it."""
-    return np.array([camera.fx, camera.fy, camera.cx, camera.cy, camera.fx * camera.baseline_m])

@@ -117,12 +117,12 @@ def segmentation_points(
     check_array("occupancy", occupancy, np.uint8, disparity.shape)
     coefficients, clearance = np.zeros(4), np.inf
     if line is not None:
-        coefficients = np.array([line.slope, line.intercept, line.tilt, line.bend])
+        coefficients = line.coefficients
         clearance = config.clearance_m / line.camera_height_m(camera)
     return kernels.points(
         np.ascontiguousarray(disparity),
         np.ascontiguousarray(occupancy),
         coefficients,
-        np.array([camera.fx, camera.fy, camera.cx, camera.cy, camera.fx * camera.baseline_m]),
+        camera.coefficients,
         clearance,
     )

@@ -91,9 +91,14 @@ class GroundLine:
     bend: float = 0.0
 
     def __post_init__(self) -> None:
-        check_finite("line", np.array([self.slope, self.intercept, self.tilt, self.bend]))
+        check_finite("line", self.coefficients)
         if self.slope <= 0:
             raise ValueError(f"slope is {self.slope}; give a value above 0, for ground is nearer in lower rows")
+
+    @property
+    def coefficients(self) -> NDArray[np.float64]:
+        """Slope, intercept, tilt and bend, (4,) float64."""
+        return np.array([self.slope, self.intercept, self.tilt, self.bend])
 
     def disparity(self, height: int, width: int) -> NDArray[np.float32]:
         """Return the ground's disparity in an image.
@@ -580,7 +585,7 @@ def _occupancy(
     if config.min_obstacle_m or obstacles is None:
         return _occupancy_by_height(disparity, line, camera, step, config, team)
     occupancy = np.full(disparity.shape, UNKNOWN, np.uint8)
-    kernels.classify(disparity, obstacles, _coefficients(line), config.noise_px, step, occupancy)
+    kernels.classify(disparity, obstacles, line.coefficients, config.noise_px, step, occupancy)
     _fill_holes(occupancy, disparity, config.max_hole_px)
     return occupancy
 
@@ -594,7 +599,7 @@ def _occupancy_by_height(
     team: ThreadTeam,
 ) -> NDArray[np.uint8]:
     """Return the occupancy image by the height of pixels; `step` is a share of the camera's height."""
-    noise, coefficients, camera_height = config.noise_px, _coefficients(line), line.camera_height_m(camera)
+    noise, coefficients, camera_height = config.noise_px, line.coefficients, line.camera_height_m(camera)
     top = _rows_above_horizon(line, disparity.shape, noise, margin=max(config.max_hole_px, *_LEAST_DROP_PX))
     whole = np.empty(disparity.shape, np.uint8)
     whole[:top] = OBSTACLE
@@ -638,11 +643,6 @@ def _mark_wide(
     disparity = expected[part][rows + heights // 2, columns + widths // 2]
     wide = (widths - aside) * camera.baseline_m >= _LEAST_DROP_M * disparity
     occupancy[part][(found > 0) & np.append(False, wide)[labels]] = OBSTACLE
-
-
-def _coefficients(line: GroundLine) -> NDArray[np.float64]:
-    """Return a line as kernels take it."""
-    return np.array([line.slope, line.intercept, line.tilt, line.bend])
 
 
 def _rows_above_horizon(line: GroundLine, shape: tuple[int, int], noise: float, *, margin: int) -> int:

@@ -99,6 +99,20 @@ def check_finite(name: str, array: NDArray[np.floating[Any]]) -> None:
         raise ValueError(f"{name} holds values that are not finite; give finite numbers")
 
 
+def check_rotation(name: str, matrix: NDArray[np.float64]) -> None:
+    """Check that a matrix turns vectors and does nothing else.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If it is no (3, 3) array of finite float64, not orthonormal, or mirrors.
+    """
+    check_array(name, matrix, np.float64, (3, 3))
+    check_finite(name, matrix)
+    if not np.allclose(matrix @ matrix.T, np.eye(3), atol=1e-6) or np.linalg.det(matrix) < 0:
+        raise ValueError(f"{name} is {matrix.tolist()}; give an orthonormal matrix of determinant 1")
+
+
 def check_count(name: str, count: int) -> None:
     """Check a number of things, at least 1.
 

@@ -20,7 +20,9 @@ from std_msgs.msg import Header
 from lrtrav_ros.camera import StereoCamera
 from lrtrav_ros.io.message_frames import header_stamp_ns
 from lrtrav_ros.nodes import diagnostics
+from lrtrav_ros.nodes.long_range_node import LongRangeNode
 from lrtrav_ros.nodes.messages import array_to_image
+from lrtrav_ros.nodes.short_range_node import ShortRangeNode
 
 ROOT = Path(__file__).parents[2]
 HEIGHT, WIDTH = 120, 160
@@ -112,6 +114,15 @@ class Graph:
         """Publish once that many nodes are there to take it."""
         self.publisher(type(message), topic, n_subscriptions).publish(message)
 
+    def call(self, kind, name, request, timeout_s=10.0):
+        """Call a service, and return its response."""
+        client = self.tester.create_client(kind, name)
+        self.spin_until(client.service_is_ready)
+        future = client.call_async(request)
+        self.spin_until(future.done, timeout_s)
+        self.tester.destroy_client(client)
+        return future.result()
+
     def at(self, topic, stamp):
         """Wait for the message of a stamp [ns] on a topic, and return it."""
 
@@ -132,6 +143,23 @@ class Graph:
 
         self.spin_until(matching, timeout_s=12.0)
         return matching()[-1]
+
+
+class NodePair:
+    """Makes both nodes as `detector` does, the second with the first.
+
+    `long_range_options` are for that node alone.
+    """
+
+    def __init__(self, **long_range_options):
+        self._options = long_range_options
+
+    def long_range(self, **options):
+        self._long_range = LongRangeNode(**options, **self._options)
+        return self._long_range
+
+    def short_range(self, **options):
+        return ShortRangeNode(long_range=self._long_range, **options)
 
 
 def _seconds(message):

@@ -11,11 +11,10 @@ pytest.importorskip("rclpy")
 from lifecycle_msgs.msg import State, Transition
 from lifecycle_msgs.srv import ChangeState, GetState
 from rclpy.parameter import Parameter
-from ros_graph import N_DISPARITIES, WIDTH, Graph, camera_info, image, stereo_pair, value
+from ros_graph import N_DISPARITIES, WIDTH, Graph, NodePair, camera_info, image, stereo_pair, value
 from sensor_msgs.msg import Image
 from std_srvs.srv import Empty
 
-from lrtrav_ros.nodes.long_range_node import LongRangeNode
 from lrtrav_ros.nodes.short_range_node import ShortRangeNode
 
 SETTINGS = {"stereo.matcher": "bm", "stereo.n_disparities": N_DISPARITIES, "superpixels.n_superpixels": 40}
@@ -25,19 +24,8 @@ WAY_UP = (Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_ACTIVATE)
 WAY_DOWN = (Transition.TRANSITION_DEACTIVATE, Transition.TRANSITION_CLEANUP)
 
 
-class Pair:
-    """Makes both nodes as `detector` does."""
-
-    def long_range(self, **options):
-        self._long_range = LongRangeNode(**options)
-        return self._long_range
-
-    def short_range(self, **options):
-        return ShortRangeNode(long_range=self._long_range, **options)
-
-
 def make_graph(namespace, **settings):
-    pair = Pair()
+    pair = NodePair()
     return Graph(pair.long_range, pair.short_range, namespace=namespace, settings={**SETTINGS, **settings})
 
 
@@ -56,22 +44,13 @@ def started(ros):
     graph.close()
 
 
-def call(graph, kind, name, request):
-    client = graph.tester.create_client(kind, name)
-    graph.spin_until(client.service_is_ready)
-    future = client.call_async(request)
-    graph.spin_until(future.done, timeout_s=60)
-    graph.tester.destroy_client(client)
-    return future.result()
-
-
 def change(graph, node, transition):
     request = ChangeState.Request(transition=Transition(id=transition))
-    return call(graph, ChangeState, f"{node}/change_state", request).success
+    return graph.call(ChangeState, f"{node}/change_state", request, timeout_s=60).success
 
 
 def state(graph, node):
-    return call(graph, GetState, f"{node}/get_state", GetState.Request()).current_state.id
+    return graph.call(GetState, f"{node}/get_state", GetState.Request()).current_state.id
 
 
 def topics(node):
@@ -172,7 +151,7 @@ def test_reset_forgets_calibration_and_statistics(started):
     started.at("long_range/mask", stamp)
     for node in NODES:
         assert value(started.status(node), "frames received") > 0
-        call(started, Empty, f"{node}/reset", Empty.Request())
+        started.call(Empty, f"{node}/reset", Empty.Request())
         status = started.status(node, lambda status: value(status, "frames received") == 0)
         assert [value(status, f"frames {count}") for count in ("processed", "dropped", "failed", "unpaired")] == [0] * 4
     waiting = next(STAMPS)

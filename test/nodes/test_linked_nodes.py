@@ -7,7 +7,7 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from ros_graph import CAMERA, FRAME_ID, N_DISPARITIES, WIDTH, Graph, camera_info, image, stereo_pair, value
+from ros_graph import CAMERA, FRAME_ID, N_DISPARITIES, WIDTH, Graph, NodePair, camera_info, image, stereo_pair, value
 from sensor_msgs.msg import Image
 
 from lrtrav_ros import Config, Detector
@@ -15,30 +15,14 @@ from lrtrav_ros.config import NODE_DEFAULTS
 from lrtrav_ros.detector import ShortRangeDetector
 from lrtrav_ros.frame import Frame
 from lrtrav_ros.io.encodings import decode_message
-from lrtrav_ros.nodes.long_range_node import LongRangeNode
-from lrtrav_ros.nodes.short_range_node import ShortRangeNode
 
 SETTINGS = {"stereo.matcher": "bm", "stereo.n_disparities": N_DISPARITIES, "superpixels.n_superpixels": 40}
 STAMPS = itertools.count(1_700_000_000_123_456_789, 100_000_000)
 OUTPUTS = ("short_range/mask", "short_range/occupancy", "long_range/mask", "long_range/occupancy")
 
 
-class Pair:
-    """Makes the two nodes, the second with the first."""
-
-    def __init__(self, **long_range_options):
-        self._options = long_range_options
-
-    def long_range(self, **options):
-        self._long_range = LongRangeNode(**options, **self._options)
-        return self._long_range
-
-    def short_range(self, **options):
-        return ShortRangeNode(long_range=self._long_range, **options)
-
-
 def make_graph(namespace, settings, **long_range_options):
-    pair = Pair(**long_range_options)
+    pair = NodePair(**long_range_options)
     return Graph(pair.long_range, pair.short_range, namespace=namespace, settings=settings)
 
 

@@ -104,23 +104,14 @@ def start(graph):
     return stamp + PERIOD_NS
 
 
-def call(graph, kind, name, request):
-    client = graph.tester.create_client(kind, name)
-    graph.spin_until(client.service_is_ready)
-    future = client.call_async(request)
-    graph.spin_until(future.done)
-    graph.tester.destroy_client(client)
-    return future.result()
-
-
 def set_parameters(graph, values):
     parameters = [Parameter(name, value=value).to_parameter_msg() for name, value in values.items()]
-    answer = call(graph, SetParameters, "long_range/set_parameters", SetParameters.Request(parameters=parameters))
+    answer = graph.call(SetParameters, "long_range/set_parameters", SetParameters.Request(parameters=parameters))
     assert [result.reason for result in answer.results] == [""] * len(values)
 
 
 def reset(graph):
-    call(graph, Empty, "long_range/reset", Empty.Request())
+    graph.call(Empty, "long_range/reset", Empty.Request())
 
 
 def test_what_was_near_teaches_the_next_frame(graph):

@@ -19,6 +19,7 @@ from ros_graph import (
     N_DISPARITIES,
     WIDTH,
     Graph,
+    NodePair,
     camera_info,
     ground_disparity,
     header,
@@ -62,17 +63,6 @@ OUTPUTS = {
 }
 
 
-class Pair:
-    """Makes both nodes as `detector` does."""
-
-    def long_range(self, **options):
-        self._long_range = LongRangeNode(**options)
-        return self._long_range
-
-    def short_range(self, **options):
-        return ShortRangeNode(long_range=self._long_range, **options)
-
-
 def listen(graph):
     """Listen to all outputs, and wait until the nodes know it."""
     for topic, kind in OUTPUTS.items():
@@ -88,7 +78,7 @@ def listen(graph):
 
 @pytest.fixture(scope="module")
 def linked(ros):
-    pair = Pair()
+    pair = NodePair()
     graph = Graph(pair.long_range, pair.short_range, namespace="maps_linked", settings=SETTINGS)
     listen(graph)
     yield graph
@@ -272,7 +262,7 @@ def test_a_grid_in_another_frame_needs_tf(ros):
 
     if transforms.tf2_ros is not None:
         pytest.skip("tf2_ros is installed")
-    pair = Pair()
+    pair = NodePair()
     settings = {**SETTINGS, "maps.frame": "base_link"}
     graph = Graph(pair.long_range, pair.short_range, namespace="maps_framed", settings=settings)
     try:

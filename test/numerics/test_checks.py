@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from lrtrav_ros.numerics.checks import (
     check_finite,
     check_image,
     check_labels,
+    check_rotation,
 )
 
 
@@ -96,3 +98,23 @@ def test_counts_pass(count: int) -> None:
 def test_other_counts_are_refused(count: int, error: type[Exception]) -> None:
     with pytest.raises(error, match=f"^n_rows is {count}; give "):
         check_count("n_rows", count)
+
+
+@pytest.mark.parametrize(
+    ("matrix", "error", "message"),
+    [
+        (np.eye(2), ValueError, "turn"),
+        (np.eye(3, dtype=np.float32), ValueError, "turn"),
+        ([[1.0]], TypeError, "turn"),
+        (np.full((3, 3), np.nan), ValueError, "not finite"),
+        (2 * np.eye(3), ValueError, "give an orthonormal matrix of determinant 1"),
+        (np.diag([1.0, 1.0, -1.0]), ValueError, "give an orthonormal matrix of determinant 1"),
+    ],
+)
+def test_what_does_not_turn_is_no_rotation(matrix: Any, error: type[Exception], message: str) -> None:
+    with pytest.raises(error, match=message):
+        check_rotation("turn", matrix)
+
+
+def test_a_turn_is_a_rotation() -> None:
+    check_rotation("turn", np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]))
