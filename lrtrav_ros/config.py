@@ -34,7 +34,13 @@ _GENERAL = ("preset", "autostart", "use_sim_time", "start_type_description_servi
 _GENERAL_PREFIX = "qos_overrides."
 _DISTINCTIVE = 7  # letters: shorter names without a stage, such as seed, may well belong to another package
 
-_MAX_CELLS = 10_000_000  # of a grid
+MAX_PIXELS = 2**26
+"""No camera has so many: what is made for each pixel stays within the memory."""
+
+# Settings are refused that take more for a frame of 640 x 480 pixels: benchmarks/extreme_settings.py measures it.
+_TOO_SLOW = "could take more than 5 s of CPU time a frame"
+_MAX_CELLS = 10_000_000  # of a grid: 2 s
+_MAX_COMPARED = 500  # superpixels, pair by pair, by another distance than correlation: 4 s
 
 _SURELY_MISSPELT = 0.8  # similarity from which on a name can be meant for nobody else
 
@@ -91,6 +97,8 @@ class Parameter:
         ValueError
             If the value has another type or is out of range; the message names parameter, value and remedy.
         """
+        if isinstance(value, int) and value.bit_length() >= 64:
+            raise ValueError(f"{self.name} is a number of more than 64 bits; give {self.range_text}")
         if self.type is float and isinstance(value, int) and not isinstance(value, bool):
             value = float(value)
         if type(value) is not self.type:
@@ -235,6 +243,15 @@ class SourceConfig(CheckedConfig):
         minimum=0.0,
         maximum=1.0,
         unit="s",
+    )
+    max_pixels: int = setting(
+        2**24,
+        "images of more pixels are refused, compressed ones and files by their header, before memory is made for them; "
+        "raise it for larger cameras, lower it to what yours have where others may send images; a frame takes some 40 "
+        "bytes a pixel",
+        minimum=1,
+        maximum=MAX_PIXELS,
+        unit="px",
     )
 
     def __post_init__(self) -> None:
@@ -584,7 +601,8 @@ class FeaturesConfig(CheckedConfig):
     )
     distance: str = setting(
         "correlation",
-        "distance between histograms; correlation is the paper's choice",
+        "distance between histograms; correlation is the paper's choice; the others take seconds a frame, and "
+        f"{_MAX_COMPARED} superpixels at most",
         choices=("correlation", "chi_square", "intersection", "bhattacharyya", "euclidean", "earth_mover"),
     )
 
@@ -717,7 +735,7 @@ class MapsConfig(CheckedConfig):
         if n_cells > _MAX_CELLS:
             raise ValueError(
                 f"maps.length_m {self.length_m:g} and maps.width_m {self.width_m:g} are {n_cells:.0f} cells of "
-                f"maps.cell_m {self.cell_m:g}; give numbers that make {_MAX_CELLS} at most"
+                f"maps.cell_m {self.cell_m:g}, which {_TOO_SLOW}; give numbers that make {_MAX_CELLS} at most"
             )
 
 
@@ -750,6 +768,15 @@ class Config(CheckedConfig):
     extension: ExtensionConfig = field(default_factory=ExtensionConfig)
     memory: MemoryConfig = field(default_factory=MemoryConfig)
     maps: MapsConfig = field(default_factory=MapsConfig)
+
+    def __post_init__(self) -> None:
+        CheckedConfig.__post_init__(self)
+        n, distance = self.superpixels.n_superpixels, self.features.distance
+        if distance != "correlation" and n > _MAX_COMPARED:
+            raise ValueError(
+                f"superpixels.n_superpixels {n} with features.distance {distance!r} {_TOO_SLOW}; give {_MAX_COMPARED} "
+                "at most, or the distance 'correlation'"
+            )
 
     @classmethod
     def preset(cls, name: str) -> Config:

@@ -12,6 +12,7 @@ lenses. IEEE TPAMI 28 (2006), 1335-1340. https://doi.org/10.1109/TPAMI.2006.153
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -23,7 +24,7 @@ from numpy.typing import NDArray
 
 from lrtrav_ros.camera import StereoCamera
 from lrtrav_ros.frame import Image
-from lrtrav_ros.numerics.checks import check_array
+from lrtrav_ros.numerics.checks import check_array, check_type
 
 Rotation: TypeAlias = tuple[float, ...]
 """A rotation matrix, row by row."""
@@ -35,10 +36,12 @@ _N_COEFFICIENTS = {"plumb_bob": (4, 5, 8, 12, 14), "rational_polynomial": (4, 5,
 
 _MAX_SIZE_PX = 2**15 - 1  # of cv2.remap
 _ORTHOGONAL = 1e-3  # what rounded text leaves of it
+_MAX_COEFFICIENT = 1e6  # of distortion; those of rational models go to some thousands
 _MAX_ANGLE = math.radians(89.0)  # no plane shows more
 _MAX_VIEW = math.radians(65.0)  # what lies farther off the axis is stretched too much to be of use
 _N_ANGLES = 20_000
 _OUTSIDE = np.float32(-10)
+_LEAST_SHIFT_M = 1e-6  # between two cameras: squares of what is much smaller vanish, those of its inverse overflow
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -79,9 +82,12 @@ class Lens:
         )
         if self.width is None or max(self.width, self.height) > _MAX_SIZE_PX:
             raise ValueError(f"images of {self.width} x {self.height} pixels; give a size up to {_MAX_SIZE_PX} pixels")
+        check_type("distortion_model", self.distortion_model, str)
         name = _ALIASES.get(self.distortion_model, self.distortion_model)
-        if not all(map(_is_finite, self.distortion)):
+        if not isinstance(self.distortion, Sequence) or not all(map(_is_finite, self.distortion)):
             raise ValueError(f"distortion is {self.distortion!r}; give finite numbers")
+        if any(abs(value) > _MAX_COEFFICIENT for value in self.distortion):
+            raise ValueError(f"distortion is {self.distortion!r}; give numbers up to {_MAX_COEFFICIENT:g}")
         distortion = tuple(map(float, self.distortion))
         if name in _UNDISTORTED and not any(distortion):
             name, distortion = "plumb_bob", ()
@@ -135,6 +141,9 @@ class RawPair:
     camera: StereoCamera
 
     def __post_init__(self) -> None:
+        check_type("left", self.left, Lens)
+        check_type("right", self.right, Lens)
+        check_type("camera", self.camera, StereoCamera)
         for name in ("left_rotation", "right_rotation"):
             object.__setattr__(self, name, checked_rotation(name, getattr(self, name)))
         if self.camera.width is None:
@@ -163,6 +172,8 @@ def raw_pair(left: Lens, right: Lens, *, rotation: Sequence[float], translation_
     ValueError
         If `rotation` is none, or the right camera is not to the right of the left one.
     """
+    check_type("left", left, Lens)
+    check_type("right", right, Lens)
     matrix = _matrix(checked_rotation("rotation", rotation))
     shift = np.array(_checked_translation(translation_m))
     left_rotation, right_rotation = _row_rotations(matrix, shift)
@@ -185,11 +196,12 @@ def raw_pair(left: Lens, right: Lens, *, rotation: Sequence[float], translation_
 
 def checked_rotation(name: str, values: Sequence[float]) -> Rotation:
     """Return 9 numbers as a rotation; raises ValueError, with the name, where they are none."""
-    if len(values) == 9 and all(map(_is_finite, values)):
-        matrix = _matrix(values)
+    if isinstance(values, (Sequence, np.ndarray)) and len(values) == 9 and all(map(_is_finite, values)):
+        matrix = _matrix(values).clip(-2, 2)  # no rotation has such numbers, and their squares may be infinite
         if np.allclose(matrix @ matrix.T, np.eye(3), rtol=0, atol=_ORTHOGONAL) and np.linalg.det(matrix) > 0:
             return _rotation(matrix)
-    raise ValueError(f"{name} is {list(values)}; give a rotation matrix of 9 numbers, row by row")
+    shown = list(values) if isinstance(values, (Sequence, np.ndarray)) else values
+    raise ValueError(f"{name} is {shown!r}; give a rotation matrix of 9 numbers, row by row")
 
 
 class Rectification:
@@ -216,6 +228,7 @@ class Rectification:
     """
 
     def __init__(self, pair: RawPair) -> None:
+        check_type("pair", pair, RawPair)
         self.pair = pair
         left, right = (
             _Maps.of(lens, rotation, pair.camera)
@@ -283,7 +296,9 @@ def _rectified(name: str, image: Image, lens: Lens, maps: tuple[Image, Image]) -
             f"the calibration is for {lens.width} x {lens.height} pixels, but the {name} is "
             f"{image.shape[1]} x {image.shape[0]}; calibrate for this size"
         )
-    return cv2.remap(image, *maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=0)
+    return cv2.remap(
+        np.ascontiguousarray(image), *maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=0
+    )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -401,12 +416,17 @@ def _directions(lens: Lens, rotation: NDArray[np.float64], pixels: NDArray[np.fl
 
 
 def _is_finite(value: Any) -> bool:
-    return isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
+    return isinstance(value, (int, float)) and not isinstance(value, bool) and abs(value) <= sys.float_info.max
 
 
 def _checked_translation(values: Sequence[float]) -> tuple[float, ...]:
-    if len(values) != 3 or not all(map(_is_finite, values)) or not any(values):
-        raise ValueError(f"translation_m is {values!r}; give three finite numbers, not all 0")
+    if (
+        not isinstance(values, (Sequence, np.ndarray))
+        or len(values) != 3
+        or not all(map(_is_finite, values))
+        or not _LEAST_SHIFT_M <= max(map(abs, values)) <= 1 / _LEAST_SHIFT_M
+    ):
+        raise ValueError(f"translation_m is {values!r}; give three finite numbers, not all 0, in metres")
     return tuple(map(float, values))
 
 

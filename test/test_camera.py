@@ -58,3 +58,22 @@ def test_size_is_given_as_a_whole() -> None:
 def test_a_size_that_no_camera_has() -> None:
     with pytest.raises(ValueError, match="images are 60000 x 60000; give a size of at most 67108864 pixels"):
         StereoCamera(**CAMERA, width=60_000, height=60_000)
+
+
+@pytest.mark.parametrize("changes", [{"fx": 64_001.0}, {"fy": 2.0}, {"cy": -64_001.0}, {"cx": 64_001.0}])
+def test_values_that_no_camera_of_the_images_size_has(changes: dict[str, float]) -> None:
+    name = next(iter(changes))
+    values = {**CAMERA, "fy": 700.0, **changes}
+    with pytest.raises(ValueError, match=f"{name} is .* pixels for images of 640 x 480, which no camera has"):
+        StereoCamera(**values, width=640, height=480)
+    with pytest.raises(ValueError, match=f"{name} is .* pixels for images of 640 x 480, which no camera has"):
+        StereoCamera(**values).check_size((480, 640, 3))
+
+
+def test_a_small_part_of_a_long_lens_is_a_camera() -> None:
+    StereoCamera(fx=20_000.0, cx=-3000.0, cy=1500.0, baseline_m=0.5, width=400, height=300)
+
+
+def test_a_baseline_that_no_vehicle_has() -> None:
+    with pytest.raises(ValueError, match=r"baseline_m is 1000000000.0; give metres, at most 1000 of them"):
+        StereoCamera(**{**CAMERA, "baseline_m": 1e9})

@@ -182,3 +182,11 @@ def test_grids_of_too_many_cells_are_refused():
     assert Config().updated({"maps.cell_m": 0.01}).maps.length_m == 30.0
     with pytest.raises(ValueError, match=r"maps.length_m 30 and maps.width_m 500 are 150000000 cells"):
         Config().updated({"maps.cell_m": 0.01, "maps.width_m": 500.0})
+
+
+def test_settings_that_together_take_too_long_are_refused():
+    config = Config().updated({"features.distance": "chi_square", "superpixels.n_superpixels": 500})
+    with pytest.raises(ValueError, match=r"n_superpixels 501 with features.distance 'chi_square' could take more than"):
+        config.updated({"superpixels.n_superpixels": 501})
+    with pytest.raises(ValueError, match="5 s of CPU time a frame; give 500 at most, or the distance 'correlation'"):
+        Config().updated({"superpixels.n_superpixels": 20000}).updated({"features.distance": "earth_mover"})

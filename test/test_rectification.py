@@ -198,6 +198,8 @@ def test_zero_coefficients_of_no_model_are_no_distortion():
         ({"translation_m": (0.2, 0.0, 0.0)}, "the right camera is not to the right of the left one"),
         ({"translation_m": (-0.1, 0.2, 0.0)}, "the right camera is not to the right of the left one"),
         ({"translation_m": (0.0, 0.0, 0.0)}, "give three finite numbers, not all 0"),
+        ({"translation_m": (-1e-200, 0.0, 0.0)}, "give three finite numbers, not all 0"),
+        ({"translation_m": (-1e200, 0.0, 0.0)}, "give three finite numbers, not all 0"),
         ({"translation_m": (-0.1, 0.2)}, "give three finite numbers"),
     ],
 )
@@ -220,3 +222,14 @@ def test_images_of_another_size_or_type_are_refused():
         rectify(image, image[:-1])
     with pytest.raises(ValueError, match="left image is float64"):
         rectify(image.astype(float), image)
+
+
+@pytest.mark.parametrize("value", [1e7, -1e308])
+def test_distortion_that_no_lens_has_is_refused(value):
+    with pytest.raises(ValueError, match=r"distortion is .*; give numbers up to 1e"):
+        Lens(width=40, height=30, fx=30.0, fy=30.0, cx=20.0, cy=15.0, distortion=(value, 0.0, 0.0, 0.0))
+
+
+def test_a_rotation_of_huge_numbers_is_refused_without_overflow():
+    with pytest.raises(ValueError, match=r"left_rotation is .*; give a rotation matrix"):
+        dataclasses.replace(pair(), left_rotation=(1.0, 1e300, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0))

@@ -51,8 +51,45 @@ def raw_pair_of(left: Any, right: Any) -> RawPair:
     )
 
 
-def unseen_of(left: Any) -> NDArray[np.bool_] | None:
+def check_calibration(
+    info: Any, *, is_right: bool = False, is_raw: bool = False, has_focal_length: bool = True
+) -> None:
+    """Raise ValueError where no frame can be made with a CameraInfo, whatever that of the other camera is.
+
+    Parameters
+    ----------
+    info : sensor_msgs/CameraInfo
+        Calibration of one camera.
+    is_right : bool
+        Whether it is the right camera, which gives the baseline.
+    is_raw : bool
+        Whether its images are to be rectified.
+    has_focal_length : bool
+        False where another message gives the focal length.
+    """
+    if is_raw:
+        _lens(info)
+        _rotation(info)
+    if is_right:
+        _Window.of(info)
+        try:
+            StereoCamera(fx=1.0, cx=0.0, cy=0.0, baseline_m=_baseline_m(info))  # the rest is the left camera's
+        except ValueError as err:
+            raise ValueError(f"CameraInfo of {info.header.frame_id!r} is not calibrated: {err}") from err
+    else:
+        fy = float(info.p[5]) / max(int(info.binning_y), 1)  # in place of that which is still to come
+        _camera(info, baseline_m=VIRTUAL_BASELINE_M, fx=None if has_focal_length else fy)
+
+
+def unseen_of(left: Any, shape: tuple[int, ...]) -> NDArray[np.bool_] | None:
     """Return which pixels of the rectified left image its raw one does not show, by its ``sensor_msgs/CameraInfo``.
+
+    Parameters
+    ----------
+    left : sensor_msgs/CameraInfo
+        Calibration of the left camera.
+    shape : tuple of int
+        The rectified image's, (height, width, ...).
 
     Returns
     -------
@@ -62,9 +99,11 @@ def unseen_of(left: Any) -> NDArray[np.bool_] | None:
     Raises
     ------
     ValueError
-        As `raw_pair_of` does.
+        As `raw_pair_of` does, or if the calibration is for another size.
     """
-    return unseen_pixels(_lens(left), _rotation(left), _camera(left, baseline_m=VIRTUAL_BASELINE_M))
+    camera = _camera(left, baseline_m=VIRTUAL_BASELINE_M)
+    camera.check_size(shape)  # before maps of whatever size it says are made
+    return unseen_pixels(_lens(left), _rotation(left), camera)
 
 
 def is_distorted(info: Any) -> bool:

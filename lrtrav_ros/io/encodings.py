@@ -9,9 +9,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from lrtrav_ros.config import MAX_PIXELS
 from lrtrav_ros.frame import Image
 from lrtrav_ros.io.image_files import decode_file
+from lrtrav_ros.io.image_headers import check_pixels
 from lrtrav_ros.io.rvl import decode_rvl
+from lrtrav_ros.numerics.checks import check_array, check_count, check_type
 
 Buffer: TypeAlias = bytes | bytearray | memoryview | NDArray[np.uint8]
 
@@ -82,7 +85,14 @@ class EncodedImage:
 
 
 def decode_image(
-    data: Buffer, *, encoding: str, height: int, width: int, step: int, is_bigendian: bool | int = False
+    data: Buffer,
+    *,
+    encoding: str,
+    height: int,
+    width: int,
+    step: int,
+    is_bigendian: bool | int = False,
+    max_pixels: int = MAX_PIXELS,
 ) -> Image:
     """Return the array that the fields of a ``sensor_msgs/Image`` describe.
 
@@ -98,6 +108,8 @@ def decode_image(
         Length of a row in bytes, padding included.
     is_bigendian : bool
         Whether the most significant byte of 16- and 32-bit pixels comes first.
+    max_pixels : int
+        Most pixels that the image may have.
 
     Returns
     -------
@@ -108,16 +120,19 @@ def decode_image(
     Raises
     ------
     ValueError
-        If the encoding is unknown, a size is not positive, or odd where pixels share their colour, `step` is too small
-        for a row, or `data` is too short.
+        If the encoding is unknown, a size is not positive, too large, or odd where pixels share their colour, `step` is
+        too small for a row, or `data` is too short.
     """
-    pixel = _ENCODINGS.get(encoding)
+    pixel = _ENCODINGS.get(encoding) if isinstance(encoding, str) else None
     if pixel is None:
         raise ValueError(f"image encoding is {encoding!r}; give one of {', '.join(ENCODINGS)}")
+    for name, size in (("height", height), ("width", width), ("step", step)):
+        check_count(f"image {name}", size, least=-(2**31))
     dtype = np.dtype(f"{'>' if is_bigendian else '<'}{pixel.dtype}")
     row_bytes, n_rows = width * pixel.channels * dtype.itemsize, pixel.n_rows(height)
-    buffer = np.frombuffer(data, np.uint8)
-    _check_size(encoding, pixel, height=height, width=width)
+    buffer = _flat(data)
+    check_pixels("image", height=height, width=width, max_pixels=max_pixels)
+    _check_blocks(encoding, pixel, height=height, width=width)
     _check_layout(buffer.size, n_rows=n_rows, width=width, step=step, row_bytes=row_bytes)
     rows = buffer[: step * n_rows].reshape(n_rows, step)[:, :row_bytes]
     # Conversion makes a copy of its own.
@@ -128,16 +143,34 @@ def decode_image(
     return image if pixel.conversion is None else cv2.cvtColor(image, pixel.conversion)
 
 
-def decode_message(message: Any) -> Image:
+def _flat(data: Buffer) -> NDArray[np.uint8]:
+    """Return bytes as an array."""
+    if isinstance(data, np.ndarray):
+        check_array("image data", data, np.uint8, ("n",), may_be_empty=True)
+        return data
+    try:
+        return np.frombuffer(data, np.uint8)
+    except (AttributeError, BufferError, TypeError, ValueError) as err:
+        raise ValueError(f"image data is of type {type(data).__name__} ({err}); give contiguous bytes") from err
+
+
+def decode_message(message: Any, *, max_pixels: int = MAX_PIXELS) -> Image:
     """Return the array of a ``sensor_msgs`` Image or CompressedImage, of rclpy or of rosbags.
+
+    Parameters
+    ----------
+    message : sensor_msgs/Image or sensor_msgs/CompressedImage
+        The message.
+    max_pixels : int
+        Most pixels that the image may have.
 
     Raises
     ------
     ValueError
-        If the message is not whole; see `decode_image` and `decode_compressed`.
+        If the message is not whole, or its image larger; see `decode_image` and `decode_compressed`.
     """
     if hasattr(message, "format"):
-        return decode_compressed(message.data, message.format)
+        return decode_compressed(message.data, message.format, max_pixels=max_pixels)
     return decode_image(
         message.data,
         encoding=message.encoding,
@@ -145,13 +178,12 @@ def decode_message(message: Any) -> Image:
         width=message.width,
         step=message.step,
         is_bigendian=message.is_bigendian,
+        max_pixels=max_pixels,
     )
 
 
-def _check_size(encoding: str, pixel: _Encoding, *, height: int, width: int) -> None:
-    """Raise ValueError where an image has no pixels, or its size is odd but its pixels share colours."""
-    if height <= 0 or width <= 0:
-        raise ValueError(f"image is {width} x {height} pixels (width x height); both must be positive")
+def _check_blocks(encoding: str, pixel: _Encoding, *, height: int, width: int) -> None:
+    """Raise ValueError where an image's size is odd but its pixels share colours."""
     if height % pixel.block_rows or width % pixel.block_columns:
         block = f"{pixel.block_columns} x {pixel.block_rows}"
         raise ValueError(f"image is {width} x {height} pixels; {encoding} needs a multiple of {block}")
@@ -165,7 +197,12 @@ def _check_layout(n_bytes: int, *, n_rows: int, width: int, step: int, row_bytes
         raise ValueError(f"image data has {n_bytes} bytes; {n_rows} rows of {step} bytes need {step * n_rows}")
 
 
-def decode_compressed(data: Buffer, format: str) -> Image:  # noqa: A002 - the field's name in the message
+def decode_compressed(
+    data: Buffer,
+    format: str,  # noqa: A002 - the field's name in the message
+    *,
+    max_pixels: int = MAX_PIXELS,
+) -> Image:
     """Return the array that a ``sensor_msgs/CompressedImage`` holds.
 
     Parameters
@@ -176,6 +213,8 @@ def decode_compressed(data: Buffer, format: str) -> Image:  # noqa: A002 - the f
     format : str
         As image_transport writes it: ``jpeg``, ``png``, ``rgb8; jpeg compressed bgr8``, ``16UC1; compressedDepth``,
         ``32FC1; compressedDepth rvl``.
+    max_pixels : int
+        Most pixels that the image may have.
 
     Returns
     -------
@@ -185,12 +224,12 @@ def decode_compressed(data: Buffer, format: str) -> Image:  # noqa: A002 - the f
     Raises
     ------
     ValueError
-        If the data is no whole JPEG or PNG file, or no whole depth image.
+        If the data is no whole JPEG or PNG file, or no whole depth image, or the image is larger.
     """
     encoding, _, compression = (part.strip() for part in format.partition(";"))
     if "compressedDepth" in format:
-        return _decode_compressed_depth(bytes(data), encoding, is_rvl="rvl" in compression)
-    image = decode_file(bytes(data), f"compressed image of format {format!r}")
+        return _decode_compressed_depth(bytes(data), encoding, is_rvl="rvl" in compression, max_pixels=max_pixels)
+    image = decode_file(bytes(data), f"compressed image of format {format!r}", max_pixels=max_pixels)
     pixel = _ENCODINGS.get(encoding)
     if image.ndim == 2 and pixel is not None and encoding.startswith("bayer_"):
         return cv2.cvtColor(image, pixel.conversion)
@@ -198,12 +237,15 @@ def decode_compressed(data: Buffer, format: str) -> Image:  # noqa: A002 - the f
     return cv2.cvtColor(image, cv2.COLOR_RGB2BGR) if "compressed rgb" in compression and image.ndim == 3 else image
 
 
-def _decode_compressed_depth(data: bytes, encoding: str, *, is_rvl: bool) -> Image:
+def _decode_compressed_depth(data: bytes, encoding: str, *, is_rvl: bool, max_pixels: int) -> Image:
     """Return 16UC1 as it is; 32FC1 is stored as a / depth + b, after a header of one integer, a and b."""
     header, rest = data[:12], data[12:]
     if len(header) < 12 or encoding not in ("16UC1", "32FC1"):
         raise ValueError(f"compressed depth of encoding {encoding!r} and {len(data)} bytes; give 16UC1 or 32FC1")
-    image = _decode_sized_rvl(rest) if is_rvl else decode_file(rest, "compressed depth")
+    if is_rvl:
+        image: Image = _decode_sized_rvl(rest, max_pixels)
+    else:
+        image = decode_file(rest, "compressed depth", max_pixels=max_pixels)
     if encoding == "16UC1":
         return image
     scale, offset = np.frombuffer(header, "<f4", offset=4)
@@ -213,12 +255,12 @@ def _decode_compressed_depth(data: bytes, encoding: str, *, is_rvl: bool) -> Ima
     return depth
 
 
-def _decode_sized_rvl(data: bytes) -> NDArray[np.uint16]:
+def _decode_sized_rvl(data: bytes, max_pixels: int) -> NDArray[np.uint16]:
     """Return the image of RVL data after its width and height."""
     if len(data) < 8:
         raise ValueError(f"compressed depth has {len(data)} bytes after its header; RVL begins with width and height")
     width, height = (int(size) for size in np.frombuffer(data, "<u4", 2))
-    return decode_rvl(data[8:], height=height, width=width)
+    return decode_rvl(data[8:], height=height, width=width, max_pixels=max_pixels)
 
 
 def encode_image(image: Image) -> EncodedImage:
@@ -231,9 +273,10 @@ def encode_image(image: Image) -> EncodedImage:
 
     Raises
     ------
-    ValueError
-        If no encoding fits the array's shape and type.
+    TypeError, ValueError
+        If it is no array, or no encoding fits the array's shape and type.
     """
+    check_type("image", image, np.ndarray)
     names = {("u1", 2): "mono8", ("u1", 3): "bgr8", ("u2", 2): "mono16", ("f4", 2): "32FC1"}
     name = names.get((image.dtype.str[1:], image.ndim))
     if name is None or image.size == 0 or (image.ndim == 3 and image.shape[2] != 3):

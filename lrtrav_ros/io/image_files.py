@@ -10,15 +10,26 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from lrtrav_ros.config import MAX_PIXELS
 from lrtrav_ros.frame import Image
 from lrtrav_ros.io.atomic_files import write_bytes
+from lrtrav_ros.io.image_headers import checked_file
+from lrtrav_ros.io.input_files import read_bytes
+from lrtrav_ros.numerics.checks import check_array, check_type
 
 DISPARITY_SCALE = 256.0
 """Disparity files hold 16-bit integers: disparity in pixels times this, 0 for none."""
 
 
-def read_image(path: str | os.PathLike[str]) -> Image:
+def read_image(path: str | os.PathLike[str], *, max_pixels: int = MAX_PIXELS) -> Image:
     """Return the image in a file, as it is stored but for an alpha channel, which is dropped.
+
+    Parameters
+    ----------
+    path : path
+        A PNG or JPEG.
+    max_pixels : int
+        Most pixels that it may have.
 
     Returns
     -------
@@ -30,9 +41,9 @@ def read_image(path: str | os.PathLike[str]) -> Image:
     FileNotFoundError
         If there is no such file.
     ValueError
-        If the file holds no whole image of 8 or 16 bits per channel.
+        If the file holds no whole image of 8 or 16 bits per channel, or a larger one.
     """
-    return decode_file(Path(path).read_bytes(), str(path))
+    return decode_file(read_bytes(path), str(path), max_pixels=max_pixels)
 
 
 def write_image(path: str | os.PathLike[str], image: Image) -> None:
@@ -58,26 +69,31 @@ def encode_file(path: str | os.PathLike[str], image: Image) -> bytes:
 
     Raises
     ------
-    ValueError
-        If the format cannot hold the image.
+    TypeError, ValueError
+        If it is no array, or the format cannot hold the image.
     """
     path = Path(path)
+    check_type("image", image, np.ndarray)
     known = {".png": ("uint8", "uint16"), ".jpg": ("uint8",), ".jpeg": ("uint8",)}.get(path.suffix.lower(), ())
-    if image.dtype.name not in known or image.ndim not in (2, 3):
+    if image.dtype.name not in known or not image.dtype.isnative or image.ndim not in (2, 3):
         raise ValueError(
             f"{path}: an image of shape {image.shape} and type {image.dtype} does not fit this file name; "
             "give .png with uint8 or uint16, or .jpg with uint8"
         )
     try:
-        encoded, data = cv2.imencode(path.suffix.lower(), image)
+        encoded, data = cv2.imencode(path.suffix.lower(), np.ascontiguousarray(image))
     except cv2.error as err:
-        raise ValueError(f"{path}: an image of shape {image.shape} cannot be encoded ({err.err})") from err
+        raise ValueError(
+            f"{path}: an image of shape {image.shape} cannot be encoded ({err.err}); give (H, W) or (H, W, 3)"
+        ) from err
     if not encoded:
         raise ValueError(f"{path}: an image of shape {image.shape} cannot be encoded; JPEG takes up to 65,500 pixels")
     return bytes(data.tobytes())
 
 
-def read_disparity(path: str | os.PathLike[str], *, scale: float = DISPARITY_SCALE) -> NDArray[np.float32]:
+def read_disparity(
+    path: str | os.PathLike[str], *, scale: float = DISPARITY_SCALE, max_pixels: int = MAX_PIXELS
+) -> NDArray[np.float32]:
     """Return the (H, W) disparity in pixels (or another quantity that was multiplied by `scale`) of a 16-bit file.
 
     Raises
@@ -85,9 +101,9 @@ def read_disparity(path: str | os.PathLike[str], *, scale: float = DISPARITY_SCA
     FileNotFoundError
         If there is no such file.
     ValueError
-        If it is not a grey image of 16 bits.
+        If it is not a grey image of 16 bits, or one of more than `max_pixels` pixels.
     """
-    image = read_image(path)
+    image = read_image(path, max_pixels=max_pixels)
     if image.dtype != np.uint16 or image.ndim != 2:
         raise ValueError(f"{path}: has shape {image.shape} and type {image.dtype}; give a grey PNG of 16 bits")
     return image.astype(np.float32) / np.float32(scale)
@@ -99,29 +115,34 @@ def write_disparity(path: str | os.PathLike[str], disparity: NDArray[np.float32]
 
 
 def scaled_disparity(disparity: NDArray[np.float32]) -> NDArray[np.uint16]:
-    """Return disparity in pixels (or depth in metres) times 256, as files hold it; what exceeds 16 bits is 65535."""
-    scaled = np.rint(np.nan_to_num(disparity, posinf=0, neginf=0) * DISPARITY_SCALE)
-    return np.clip(scaled, 0, 65535).astype(np.uint16)
+    """Return disparity in pixels (or depth in metres) times 256, as files hold it; what exceeds 16 bits is 65535.
+
+    Raises TypeError or ValueError if it is no (H, W) array of float32 or float64.
+    """
+    check_array("disparity", disparity, (np.float32, np.float64), ("H", "W"))
+    valid = np.clip(np.nan_to_num(disparity, posinf=0, neginf=0), 0, 65536)
+    return np.minimum(np.rint(valid * DISPARITY_SCALE), 65535).astype(np.uint16)
 
 
-def decode_file(data: bytes, name: str) -> Image:
+def decode_file(data: bytes, name: str, *, max_pixels: int = MAX_PIXELS) -> Image:
     """Return the image that the bytes of a PNG or JPEG file hold, as `read_image` does.
 
     Parameters
     ----------
     name : str
         Stands in messages.
+    max_pixels : int
+        Most pixels that the image may have; the header tells, before memory is made for them.
 
     Raises
     ------
     ValueError
-        If they are no whole image of 8 or 16 bits per channel.
+        If they are no whole image of 8 or 16 bits per channel, or a larger one.
     """
-    image = None
-    if _is_whole(data):
-        with contextlib.suppress(cv2.error):
-            image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
-    if image is None:
+    file, image = checked_file(data, name, max_pixels=max_pixels), None
+    with contextlib.suppress(cv2.error):
+        image = cv2.imdecode(np.frombuffer(file.data, np.uint8), cv2.IMREAD_UNCHANGED)
+    if image is None or image.shape[:2] != (file.height, file.width):
         raise ValueError(f"{name}: {len(data)} bytes that cannot be read as an image; give a whole PNG or JPEG")
     if image.ndim == 3 and image.shape[2] == 4:
         image = cv2.cvtColor(image, cv2.COLOR_BGRA2BGR)
@@ -130,12 +151,3 @@ def decode_file(data: bytes, name: str) -> Image:
             f"{name}: image of shape {image.shape} and type {image.dtype}; give grey or colour, 8 or 16 bits"
         )
     return image
-
-
-def _is_whole(data: bytes) -> bool:
-    """Return whether a JPEG or PNG has its end: OpenCV fills the missing rest of one that is cut off with grey."""
-    if data.startswith(b"\x89PNG"):
-        return data.rfind(b"IEND") > 0
-    if data.startswith(b"\xff\xd8"):
-        return data.rfind(b"\xff\xd9") > data.rfind(b"\xff\xda")
-    return bool(data)

@@ -5,13 +5,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from lrtrav_ros.config import MAX_PIXELS
 from lrtrav_ros.io._rvl_kernels import decode_runs
-
-_MAX_PIXELS = 2**26
-"""No depth camera has as many; a damaged size asks for no more memory than this."""
+from lrtrav_ros.io.image_headers import check_pixels
 
 
-def decode_rvl(data: bytes, *, height: int, width: int) -> NDArray[np.uint16]:
+def decode_rvl(data: bytes, *, height: int, width: int, max_pixels: int = MAX_PIXELS) -> NDArray[np.uint16]:
     """Return the depth image that RVL data hold.
 
     The image's pixels, row by row, are runs of zeros and of others in turn. The length of each run, and the difference
@@ -24,6 +23,8 @@ def decode_rvl(data: bytes, *, height: int, width: int) -> NDArray[np.uint16]:
         Words of 32 bits, little-endian, each of them with its first nibble in the highest bits.
     height, width : int
         Size in pixels.
+    max_pixels : int
+        Most pixels that the image may have.
 
     Returns
     -------
@@ -32,14 +33,13 @@ def decode_rvl(data: bytes, *, height: int, width: int) -> NDArray[np.uint16]:
     Raises
     ------
     ValueError
-        If the size is not positive or absurdly large, or the data are not such an image.
+        If the size is not positive or larger, or the data are not such an image.
 
     References
     ----------
     A. D. Wilson, "Fast Lossless Depth Image Compression", ISS 2017, https://doi.org/10.1145/3132272.3134144
     """
-    if height <= 0 or width <= 0 or height * width > _MAX_PIXELS:
-        raise ValueError(f"RVL image of {width} x {height} pixels (width x height); give up to {_MAX_PIXELS} in all")
+    check_pixels("RVL image", height=height, width=width, max_pixels=max_pixels)
     words = np.frombuffer(data, "<u4", len(data) // 4).astype(np.uint32)
     depth = np.zeros(height * width, np.uint16)
     n_decoded = decode_runs(words, depth)

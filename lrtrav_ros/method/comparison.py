@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,13 +19,15 @@ from lrtrav_ros.config import FeaturesConfig
 from lrtrav_ros.method import _comparison_kernels as kernels
 from lrtrav_ros.method.features import Features
 from lrtrav_ros.numerics.blas import one_blas_thread
-from lrtrav_ros.numerics.checks import check_array, check_distances
+from lrtrav_ros.numerics.checks import check_array, check_distances, check_labels, check_type
 from lrtrav_ros.numerics.thread_team import ALONE, ThreadTeam
 
 _MAX_SHARE = 1 + 1e-3  # of a histogram in one bin: its sum is not exact
+_MAX_DISTANCE = 1e100  # products of sums of these are numbers still
 _SPARSE = 0.8  # share of bins in use, below which it is worth the time to leave the others out
 _LEAST_ROWS = 64  # of a matrix of distances, that are worth a thread
 _PAIRS_AT_ONCE = 1024
+_ROWS_AT_ONCE = 64
 _FLAT = 1e-7  # spread of a histogram, against its mean, that rounding makes
 
 
@@ -42,14 +44,14 @@ def feature_distances(features: Features, config: FeaturesConfig | None = None) 
     Returns
     -------
     (n, n) ndarray of float64
-        Symmetric, with a zero diagonal.
+        Symmetric but for rounding, with a zero diagonal.
 
     Raises
     ------
     TypeError, ValueError
         If the histograms are none.
     """
-    config = config or FeaturesConfig()
+    config = _checked_config(features, config)
     return CUES[config.cues](features, config.distance)
 
 
@@ -82,7 +84,7 @@ def weighted_sum(colour: NDArray[np.float64], texture: NDArray[np.float64]) -> N
     Parameters
     ----------
     colour, texture : (n, n) ndarray of float64
-        Distances.
+        Distances, 1e100 at most.
 
     Returns
     -------
@@ -93,8 +95,8 @@ def weighted_sum(colour: NDArray[np.float64], texture: NDArray[np.float64]) -> N
     TypeError, ValueError
         If one is no matrix of distances, or they differ in size.
     """
-    check_distances("colour", colour)
-    check_distances("texture", texture)
+    check_distances("colour", colour, highest=_MAX_DISTANCE)
+    check_distances("texture", texture, highest=_MAX_DISTANCE)
     n = len(colour)
     check_array("texture", texture, np.float64, (n, n), may_be_empty=True)
     pairs = max(n * (n - 1), 1)
@@ -121,14 +123,14 @@ def histogram_distances(histograms: NDArray[np.floating[Any]], distance: str = "
     Returns
     -------
     (n, n) ndarray of float64
-        Symmetric, with a zero diagonal.
+        Symmetric but for rounding, with a zero diagonal.
 
     Raises
     ------
     TypeError, ValueError
         If `histograms` is not such an array, or there is no such distance.
     """
-    if distance not in DISTANCES:
+    if not isinstance(distance, str) or distance not in DISTANCES:
         raise ValueError(f"no histogram distance {distance!r}; choose one of {', '.join(DISTANCES)}")
     _check_histograms("histograms", histograms)
     result = DISTANCES[distance](histograms.astype(np.float64, order="C"))
@@ -179,8 +181,8 @@ def _bhattacharyya_of_rows(rows: NDArray[np.float64], row: NDArray[np.float64]) 
 def _chi_square(rows: NDArray[np.float64], row: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return half the sum of (a - b)^2 / (a + b), over the bins that are not empty."""
     total = rows + row
-    ratio = np.divide((rows - row) ** 2, total, out=np.zeros_like(rows), where=total > 0)
-    return np.asarray(ratio.sum(axis=1) / 2)
+    total += total == 0  # a bin that is empty in both adds 0
+    return np.asarray(((rows - row) ** 2 / total).sum(axis=1) / 2)
 
 
 def _intersection(rows: NDArray[np.float64], row: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -198,13 +200,27 @@ def _earth_mover(rows: NDArray[np.float64], row: NDArray[np.float64]) -> NDArray
     return np.asarray(np.abs(np.cumsum(rows - row, axis=1)).mean(axis=1))
 
 
+def _distances_to(
+    rows: NDArray[np.float64],
+    others: NDArray[np.float64],
+    distance: Callable[[NDArray[np.float64], NDArray[np.float64]], NDArray[np.float64]],
+) -> NDArray[np.float64]:
+    """Return the distance of each row to each of others, for as many rows at once as stay in the processor's cache."""
+    result = np.empty((len(rows), len(others)))
+    for start in range(0, len(rows), _ROWS_AT_ONCE):
+        chunk = slice(start, start + _ROWS_AT_ONCE)
+        for column, other in enumerate(others):
+            result[chunk, column] = distance(rows[chunk], other)
+    return result
+
+
 def _row_by_row(
     distance: Callable[[NDArray[np.float64], NDArray[np.float64]], NDArray[np.float64]],
 ) -> Callable[[NDArray[np.float64]], NDArray[np.float64]]:
     """Return a function of all rows from one of all rows and one of them, which needs less memory."""
 
     def distances(rows: NDArray[np.float64]) -> NDArray[np.float64]:
-        result = np.stack([distance(rows, row) for row in rows])
+        result = _distances_to(rows, rows, distance)
         return (result + result.T) / 2
 
     return distances
@@ -230,6 +246,7 @@ DISTANCES: dict[str, Callable[[NDArray[np.float64]], NDArray[np.float64]]] = {
 """Distances between histograms, by the names that the setting ``features.distance`` has for them."""
 
 
+@runtime_checkable
 class Comparison(Protocol):
     """Compares the n superpixels of an image by colour and texture, each weighted as suits the image."""
 
@@ -248,7 +265,10 @@ class Comparison(Protocol):
         ...
 
     def of_pairs(self, first: NDArray[np.intp], second: NDArray[np.intp]) -> NDArray[np.float32]:
-        """Return the distances of pairs of superpixels, (p,), given by two arrays of their numbers."""
+        """Return the distances of pairs of superpixels, (p,), given by two arrays of their numbers.
+
+        Raises TypeError or ValueError if these are no such arrays, or a number is that of no superpixel.
+        """
         ...
 
 
@@ -269,14 +289,32 @@ def compare(features: Features, config: FeaturesConfig | None = None) -> Compari
     TypeError, ValueError
         If the histograms are none, or not as many of colour as of texture.
     """
-    config = config or FeaturesConfig()
+    config = _checked_config(features, config)
     _check_histograms("colour", features.colour)
     _check_histograms("texture", features.texture, len(features))
     return (_Correlation if config.distance == "correlation" else _RowByRow)(features, config)
 
 
+def _checked_config(features: Features, config: FeaturesConfig | None) -> FeaturesConfig:
+    """Return the settings, the default ones for None, and check that both are what they should be."""
+    config = FeaturesConfig() if config is None else config
+    check_type("features", features, Features)
+    check_type("config", config, FeaturesConfig)
+    return config
+
+
+def _check_pairs(first: NDArray[np.intp], second: NDArray[np.intp], n: int) -> None:
+    """Check the numbers of pairs of n superpixels."""
+    check_array("first", first, np.intp, ("p",), may_be_empty=True)
+    check_array("second", second, np.intp, first.shape, may_be_empty=True)
+    if len(first):
+        check_labels("first", first, n)
+        check_labels("second", second, n)
+
+
 def _check_others(others: Features, features: Features) -> None:
     """Check that features of other images can be compared with those of one."""
+    check_type("others", others, Features)
     _check_histograms("colour of the others", others.colour, n_bins=features.colour.shape[1])
     _check_histograms("texture of the others", others.texture, len(others), features.texture.shape[1])
 
@@ -409,7 +447,9 @@ class _Correlation:
 
     def of_pairs(self, first: NDArray[np.intp], second: NDArray[np.intp]) -> NDArray[np.float32]:
         """Return the distances of pairs of superpixels."""
-        return self._rows.distances_of_pairs(first, second)
+        _check_pairs(first, second, len(self._features))
+        pairs = (np.require(numbers, requirements=("C", "W")) for numbers in (first, second))
+        return self._rows.distances_of_pairs(*pairs)
 
 
 class _RowByRow:
@@ -420,12 +460,16 @@ class _RowByRow:
         self._features = features
         self._distance = ROW_DISTANCES[config.distance]
         some, pairs = features.chosen(self.landmarks), max(len(self.landmarks) * (len(self.landmarks) - 1), 1)
-        means = (float(self._between(cue, cue).sum()) / pairs for cue in (some.colour, some.texture))
+        self._to_landmarks = (
+            self._between(features.colour, some.colour),
+            self._between(features.texture, some.texture),
+        )
+        means = (float(distances[self.landmarks].sum()) / pairs for distances in self._to_landmarks)
         self._weights = _Weights.of(config.cues, *means)
 
     def with_landmarks(self, team: ThreadTeam = ALONE) -> NDArray[np.float32]:
         """Return the distance of each superpixel to each landmark."""
-        return self.with_others(self._features.chosen(self.landmarks), team)
+        return self._weighted(*self._to_landmarks)
 
     def with_others(self, others: Features, team: ThreadTeam = ALONE) -> NDArray[np.float32]:
         """Return the distance of each superpixel to each of those of other images."""
@@ -438,6 +482,7 @@ class _RowByRow:
 
     def of_pairs(self, first: NDArray[np.intp], second: NDArray[np.intp]) -> NDArray[np.float32]:
         """Return the distances of pairs of superpixels."""
+        _check_pairs(first, second, len(self._features))
         parts = []
         for start in range(0, len(first), _PAIRS_AT_ONCE):
             chunk = slice(start, start + _PAIRS_AT_ONCE)
@@ -450,10 +495,7 @@ class _RowByRow:
     def _between(self, rows: NDArray[np.floating[Any]], others: NDArray[np.floating[Any]]) -> NDArray[np.float32]:
         """Return the distance of each histogram to each of others."""
         shares = rows.astype(np.float64, order="C")
-        result = np.empty((len(rows), len(others)), np.float32)
-        for column, other in enumerate(others.astype(np.float64)):
-            result[:, column] = self._distance(shares, other)
-        return result
+        return _distances_to(shares, others.astype(np.float64), self._distance).astype(np.float32)
 
     def _weighted(self, colour: NDArray[Any], texture: NDArray[Any]) -> NDArray[np.float32]:
         """Return the weighted sum of distances by colour and texture."""

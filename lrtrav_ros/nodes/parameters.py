@@ -43,16 +43,18 @@ class Settings:
 
     def __init__(self, node: Node, stages: Collection[str]) -> None:
         self._node = node
-        self._refusal = ""
         self._warn_of_foreign_names()
         self.config = Config.preset(self._declared_preset()).updated(NODE_DEFAULTS)
-        own = [parameter for parameter in parameters() if parameter.stage in stages]
-        self._own_names = {parameter.name for parameter in own}
+        defaults = self.config.values()
+        own = {
+            parameter.name: self._declare(parameter.name, defaults[parameter.name], _descriptor(parameter))
+            for parameter in parameters()
+            if parameter.stage in stages
+        }
+        self._own_names = set(own)
+        self.config = self.config.updated(own)  # all together: one may only fit with another that comes later
         node.add_on_set_parameters_callback(self._validate)
         node.add_post_set_parameters_callback(self._apply)
-        defaults = self.config.values()
-        for parameter in own:
-            self._declare(parameter.name, defaults[parameter.name], _descriptor(parameter))
 
     @property
     def stamp_tolerance_ns(self) -> int:
@@ -76,7 +78,7 @@ class Settings:
         try:
             return self._node.declare_parameter(name, default, descriptor).value
         except ParameterException as err:
-            raise ValueError(self._refusal or str(err)) from err
+            raise ValueError(str(err)) from err
 
     def _with_changes(self, changes: list[RosParameter]) -> Config:
         """Return the configuration with the changes of parameters; raises ValueError where one does not fit."""
@@ -87,8 +89,7 @@ class Settings:
         try:
             self._with_changes(changes)
         except ValueError as err:
-            self._refusal = str(err)
-            return SetParametersResult(successful=False, reason=self._refusal)
+            return SetParametersResult(successful=False, reason=str(err))
         return SetParametersResult(successful=True)
 
     def _apply(self, changes: list[RosParameter]) -> None:

@@ -1,5 +1,7 @@
 """Calibration messages of raw pairs: what they rectify, in each window of the sensor, and what is refused."""
 
+import math
+import re
 from types import SimpleNamespace
 
 import cv2
@@ -7,7 +9,7 @@ import numpy as np
 import pytest
 from raw_cameras import HEIGHT, WIDTH, calibrations, lens, pair, texture
 
-from lrtrav_ros.io.camera_info import is_distorted, raw_pair_of, unseen_of
+from lrtrav_ros.io.camera_info import check_calibration, is_distorted, raw_pair_of, unseen_of
 from lrtrav_ros.rectification import Rectification
 
 
@@ -89,7 +91,12 @@ def test_a_window_that_is_not_on_the_sensor_is_refused(window):
 def test_unseen_pixels_are_those_of_the_left_rectified_image(model):
     raw = pair(model)
     expected = Rectification(raw).unseen
-    np.testing.assert_array_equal(unseen_of(infos(raw)[0]), expected)
+    np.testing.assert_array_equal(unseen_of(infos(raw)[0], (HEIGHT, WIDTH, 3)), expected)
+
+
+def test_unseen_pixels_of_another_size_are_not_sought():
+    with pytest.raises(ValueError, match=f"for {WIDTH} x {HEIGHT} pixels, but the image is {WIDTH} x {HEIGHT - 1}"):
+        unseen_of(infos(pair())[0], (HEIGHT - 1, WIDTH))
 
 
 def test_cameras_of_different_windows_are_refused():
@@ -104,3 +111,44 @@ def test_distortion_is_told_from_none():
     assert not is_distorted(infos(pair("none"))[0])
     assert not is_distorted(infos(pair(), d=np.zeros(5))[0])
     assert lens("none").distortion == ()
+
+
+P = [300.0, 0.0, 160.0, 0.0, 0.0, 300.0, 120.0, 0.0, 0.0, 0.0, 1.0, 0.0]
+
+
+def rectified_info(**changed):
+    """Return a CameraInfo of 320 x 240 pixels, with some elements of P changed: ``p3`` is the fourth."""
+    p = [changed.get(f"p{i}", value) for i, value in enumerate(P)]
+    roi = SimpleNamespace(x_offset=0, y_offset=0, width=0, height=0)
+    header = SimpleNamespace(frame_id="camera")
+    return SimpleNamespace(header=header, width=320, height=240, p=p, roi=roi, binning_x=0, binning_y=0)
+
+
+@pytest.mark.parametrize(
+    ("changed", "options", "message"),
+    [
+        ({"p0": 0.0}, {}, "fx is 0.0"),
+        ({"p5": math.nan}, {}, "fy is nan"),
+        ({"p6": -5e8}, {}, "cy is -500000000.0"),
+        ({"p5": 0.0}, {"has_focal_length": False}, "is not calibrated"),
+        ({"p3": 0.0}, {"is_right": True}, "P[3] = 0, thus no baseline"),
+        ({"p3": -5e8}, {"is_right": True}, "baseline_m is 1666666.6"),
+    ],
+)
+def test_a_calibration_is_checked_on_its_own(changed, options, message):
+    with pytest.raises(ValueError, match=re.escape(message)):
+        check_calibration(rectified_info(**changed), **options)
+
+
+def test_calibrations_that_pass():
+    check_calibration(rectified_info())
+    check_calibration(rectified_info(p0=0.0), has_focal_length=False)  # a disparity image brings its own
+    check_calibration(rectified_info(p3=-30.0, p5=0.0), is_right=True)  # of which the baseline alone is used
+    for raw in infos(pair("equidistant")):
+        check_calibration(raw, is_raw=True, is_right=float(raw.p[3]) < 0)
+
+
+@pytest.mark.parametrize("changed", [{"distortion_model": "fov"}, {"r": [0.0] * 9}])
+def test_a_raw_calibration_that_cannot_rectify_does_not_pass(changed):
+    with pytest.raises(ValueError, match="cannot rectify"):
+        check_calibration(infos(pair("equidistant"), **changed)[0], is_raw=True)

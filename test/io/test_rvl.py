@@ -72,5 +72,5 @@ def test_what_no_encoder_writes_is_refused(numbers):
 
 @pytest.mark.parametrize(("height", "width"), [(0, 3), (3, -1), (2**32 - 1, 2**32 - 1), (2**20, 100)])
 def test_absurd_sizes_are_refused(height, width):
-    with pytest.raises(ValueError, match=f"RVL image of {width} x {height} pixels"):
+    with pytest.raises(ValueError, match=f"RVL image is {width} x {height} pixels"):
         decode_rvl(bytes(8), height=height, width=width)

@@ -52,6 +52,13 @@ def test_weights_follow_the_mean_distances() -> None:
     np.testing.assert_allclose(weighted_sum(colour * 0, texture), texture)
 
 
+def test_weighted_distances_whose_products_are_no_numbers_are_refused() -> None:
+    distances = np.array([[0, 2e100], [2e100, 0]])
+    np.testing.assert_allclose(weighted_sum(distances / 2, distances / 2), distances / 2)
+    with pytest.raises(ValueError, match=r"texture holds values from 0 to 2e\+100; give finite distances"):
+        weighted_sum(distances / 2, distances)
+
+
 @pytest.mark.parametrize("cues", ["both", "colour", "texture"])
 def test_quadrants_of_one_kind_are_closer(cues: str) -> None:
     image, labels = quadrants()

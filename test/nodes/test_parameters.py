@@ -15,7 +15,7 @@ from lrtrav_ros.config import LONG_RANGE_STAGES, NODE_DEFAULTS, SHORT_RANGE_STAG
 from lrtrav_ros.io.parameter_file import read_parameter_file
 from lrtrav_ros.nodes.parameters import Settings
 
-STAGES = ("threads", "source", "stereo", "superpixels", "clustering", "extension", "memory")
+STAGES = ("threads", "source", "stereo", "superpixels", "features", "clustering", "extension", "memory", "maps")
 DEFAULTS = Config().updated(NODE_DEFAULTS)
 NAMES = itertools.count()
 
@@ -202,6 +202,52 @@ def test_a_batch_with_a_bad_value_changes_nothing(make, values, reason):
     assert reason in result.reason
     assert settings.config is before
     assert node.get_parameter("stereo.n_disparities").value == Config().stereo.n_disparities
+
+
+TOO_WIDE = {"maps__cell_m": 0.01, "maps__length_m": 90.0, "maps__width_m": 12.0}
+FINE_AND_NARROW = {"maps__cell_m": 0.01, "maps__length_m": 90.0, "maps__width_m": 10.0}  # cells: 9 million
+COSTLY = {"superpixels__n_superpixels": 501, "features__distance": "euclidean"}
+
+
+def test_values_that_only_fit_together_may_be_given_at_the_start(make):
+    _, settings = make(**FINE_AND_NARROW)
+    maps = settings.config.maps
+    assert (maps.cell_m, maps.length_m, maps.width_m) == (0.01, 90.0, 10.0)
+
+
+@pytest.mark.parametrize(
+    ("values", "reason"),
+    [
+        (COSTLY, "501 with features.distance 'euclidean'"),
+        (TOO_WIDE, "10800000 cells"),
+    ],
+)
+def test_values_that_together_take_too_long_are_refused(make, values, reason):
+    with pytest.raises(ValueError, match=reason):
+        make(**values)
+    node, settings = make()
+    refused = set_all(node, **values)
+    assert not refused.successful
+    assert reason in refused.reason
+    assert settings.config == DEFAULTS
+
+
+@pytest.mark.parametrize("names", [list(COSTLY), list(reversed(COSTLY))])
+def test_of_values_that_do_not_fit_together_the_last_one_is_refused(make, names):
+    node, settings = make()
+    first, last = (set_all(node, **{name: COSTLY[name]}) for name in names)
+    assert (first.successful, last.successful) == (True, False)
+    assert "superpixels.n_superpixels 501 with features.distance 'euclidean'" in last.reason
+    assert set_all(node, superpixels__n_superpixels=500, features__distance="euclidean").successful
+    assert settings.config.superpixels.n_superpixels == 500
+
+
+def test_what_one_by_one_does_not_fit_may_be_set_together(make):
+    node, settings = make(maps__length_m=500.0, maps__width_m=200.0)
+    refused, *_ = node.set_parameters([Parameter("maps.cell_m", value=0.01)])
+    assert "give numbers that make 10000000 at most" in refused.reason
+    assert set_all(node, **FINE_AND_NARROW).successful
+    assert settings.config.maps.cell_m == 0.01
 
 
 def test_tolerance_in_nanoseconds(make):
