@@ -55,7 +55,7 @@ VARIANTS = (
     Variant("no ties of looks", constants={"_TIE_WEIGHT": 0.0}),
     Variant("no chromaticity", constants={"_VOTE_CHROMATICITY": 1e9, "_TIE_CHROMATICITY": 1e9}),
     Variant("no vote", constants={"_VOTE_WEIGHT": 1e-6, "_UNANIMITY_WEIGHT": 0.0}),
-    Variant("no overruling", constants={"_OVERRULED_GROUND": -1.0, "_OVERRULED_OBSTACLE": 2.0}),
+    Variant("no overruling", constants={"_OVERRULED_GROUND": -1.0}),
 )
 
 

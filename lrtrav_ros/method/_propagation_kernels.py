@@ -279,22 +279,15 @@ def label_pixels(
 ) -> None:
     """Write the label and the confidence of each pixel in some columns.
 
-    The table (4 n,) has the label, plus 256 times the confidence, of a superpixel's ground, obstacle and unknown
-    pixels, and of its obstacle pixels that have no ground above them: these may be above the horizon.
+    The table (3 n,) has the label, plus 256 times the confidence, of the ground, obstacle and unknown pixels of each
+    superpixel.
     """
-    n = last - first
-    has_ground_above = np.zeros(n, np.bool_)
-    kinds = np.empty(n, np.uint8)
     for v in range(occupancy.shape[0]):
         row, labels = occupancy[v, first:last], superpixels[v, first:last]
-        for u in range(n):
-            is_ground = row[u] == np.uint8(ground)
-            has_ground_above[u] |= is_ground
-            kind = np.uint8(1) if has_ground_above[u] else np.uint8(3)
-            kind = kind if row[u] == np.uint8(obstacle) else np.uint8(2)
-            kinds[u] = np.uint8(0) if is_ground else kind
         extended_row, confidence_row = extended[v, first:last], confidence[v, first:last]
-        for u in range(n):
-            both = table[np.uint32(4) * np.uint32(labels[u]) + np.uint32(kinds[u])]
+        for u in range(last - first):
+            kind = np.uint32(1) if row[u] == np.uint8(obstacle) else np.uint32(2)
+            kind = np.uint32(0) if row[u] == np.uint8(ground) else kind
+            both = table[np.uint32(3) * np.uint32(labels[u]) + kind]
             extended_row[u] = both & np.uint16(255)
             confidence_row[u] = both >> np.uint16(8)

@@ -27,7 +27,7 @@ from lrtrav_ros.method.comparison import Comparison, compare
 from lrtrav_ros.method.extension import Layout, count_evidence, superpixel_layout
 from lrtrav_ros.method.features import Features
 from lrtrav_ros.method.ground import GROUND, OBSTACLE, UNKNOWN
-from lrtrav_ros.numerics.checks import check_array, check_finite
+from lrtrav_ros.numerics.checks import check_array, check_labels, check_number, check_range, check_type
 from lrtrav_ros.numerics.thread_team import ALONE, ThreadTeam
 
 # Chosen on KITTI Road and synthetic scenes; what each does to the scores is in docs/ablation.md.
@@ -47,13 +47,13 @@ _UNANIMITY_WEIGHT = 0.4  # more of a vote that all are of one mind in
 _BELIEF_WEIGHT = 0.5  # at most, of the frame before
 _SAME_PLACE = 0.03  # of the image's height
 _UNDECIDED = 0.5
+_MOST = 1e3  # no logarithm of a ratio of colours, and no share of an image's height, is as large
 _NO_VOTES = 1e-9
 _REACH = 6.5  # in Gaussian standard deviations: farther away, a weight is below that
 _TOLERANCE = 1e-5  # of the solution of the equations, relative
 _LEAST_ROWS = 64  # of a matrix of weights, that are worth a thread
 _LEAST_COLUMNS = 64  # of an image
 _OVERRULED_GROUND = 0.25  # in superpixels that are less surely traversable: the feet of things, more often than not
-_OVERRULED_OBSTACLE = 0.9  # in superpixels that are more surely traversable: what matching adds around things
 
 # How often labels were right on KITTI Road and synthetic scenes, with all disparity and to 10 m: by how surely a
 # superpixel is what the label says, for ground and obstacles of the short range and for what it leaves unknown.
@@ -187,6 +187,11 @@ class SuperpixelGraph:
         The weight that each has in the vote of m of them, the landmarks of `comparison`, for it.
     ties : Ties
         Those with neighbours, and with what looks alike.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If an array has another type or shape, or numbers that are those of no superpixel.
     """
 
     superpixels: NDArray[np.int32]
@@ -195,6 +200,27 @@ class SuperpixelGraph:
     layout: Layout
     votes: NDArray[np.float32]
     ties: Ties
+
+    def __post_init__(self) -> None:
+        check_type("features", self.features, Features)
+        _check_chromaticity(self.features)
+        check_type("comparison", self.comparison, Comparison)
+        check_type("layout", self.layout, Layout)
+        check_type("ties", self.ties, Ties)
+        n = len(self.features)
+        check_array("superpixels", self.superpixels, np.int32, ("H", "W"))
+        check_array("layout.area", self.layout.area, np.int64, (n,))
+        check_array("layout.middles", self.layout.middles, np.float64, (n, 2))
+        check_array("votes", self.votes, np.float32, (n, len(self.comparison.landmarks)))
+        for name, rows in (("layout", self.layout), ("ties", self.ties)):
+            check_array(f"{name}.others", rows.others, np.int32, ("p",), may_be_empty=True)
+            check_array(f"{name}.starts", rows.starts, np.int32, (n + 1,))
+            check_labels(f"{name}.starts", rows.starts, len(rows.others) + 1)
+            if len(rows.others):
+                check_labels(f"{name}.others", rows.others, n)
+        check_array("ties.ends", self.ties.ends, np.int32, (n,))
+        check_array("ties.weights", self.ties.weights, np.float64, self.ties.others.shape, may_be_empty=True)
+        check_labels("ties.ends", self.ties.ends, len(self.ties.others) + 1)
 
     @property
     def places(self) -> NDArray[np.float64]:
@@ -227,6 +253,7 @@ def superpixel_graph(
     TypeError, ValueError
         If an argument is not as above.
     """
+    check_type("features", features, Features)
     _check_chromaticity(features)
     with team.start(superpixel_layout, superpixels, len(features)) as started:
         comparison = compare(features, config)
@@ -250,9 +277,9 @@ def propagate(
 ) -> Propagation:
     """Extend short-range ground over superpixels that look like it and are near it.
 
-    What short range judges stands, unless its superpixel surely is the opposite, and it is not above all ground of its
-    column. Every other pixel is as its superpixel. Superpixels that are traversable, but that no traversable ones
-    connect with ground of the short range, are unknown.
+    What short range takes for an obstacle stays one, and what it takes for ground stays ground unless its superpixel
+    surely is none. Every other pixel is as its superpixel. Superpixels that are traversable, but that no traversable
+    ones connect with ground of the short range, are unknown.
 
     Parameters
     ----------
@@ -274,7 +301,11 @@ def propagate(
     TypeError, ValueError
         If an argument is not as above.
     """
+    check_type("graph", graph, SuperpixelGraph)
     check_array("occupancy", occupancy, np.uint8, graph.superpixels.shape)
+    check_number("min_share", min_share)
+    check_type("remembered", remembered, Remembered, may_be_none=True)
+    check_type("before", before, Belief, may_be_none=True)
     if before is not None:
         _check_belief(before)
     occupancy = np.ascontiguousarray(occupancy)
@@ -282,6 +313,8 @@ def propagate(
     vote = _votes(graph, evidence, remembered, team)
     light = _held(vote, before, graph.places, graph.features.chromaticity)
     traversable = np.clip(_settled(graph.ties, evidence, light), 0, 1)
+    if not np.isfinite(traversable).all():
+        raise ValueError("graph holds votes or ties that are not finite; give one of superpixel_graph")
     labels = _labels(traversable, evidence, graph.layout, min_share)
     extended, confidence = _labelled(occupancy, graph.superpixels, labels, _confidences(labels, traversable), team)
     belief = Belief(graph.places, graph.features.chromaticity, traversable)
@@ -292,26 +325,33 @@ def _check_chromaticity(features: Features) -> None:
     """Check the part of features that `compare` does not, and that there are features."""
     check_array("colour", features.colour, (np.float32, np.float64), ("n", "bins"))
     check_array("chromaticity", features.chromaticity, np.float64, (len(features), 2))
-    check_finite("chromaticity", features.chromaticity)
+    check_range("chromaticity", features.chromaticity, -_MOST, _MOST)
 
 
-def _check_remembered(remembered: Remembered) -> None:
-    """Check what is remembered, but for its histograms."""
-    evidence, n = remembered.evidence, len(remembered.features)
+def _check_remembered(remembered: Remembered) -> int:
+    """Check what is remembered, but for its histograms, and return of how many superpixels it is."""
+    check_type("remembered.features", remembered.features, Features)
+    check_type("remembered.evidence", remembered.evidence, Evidence)
+    colour = remembered.features.colour
+    check_array("remembered.colour", colour, (np.float32, np.float64), ("n", "bins"), may_be_empty=True)
+    evidence, n = remembered.evidence, len(colour)
+    if not n:
+        return 0
     _check_chromaticity(remembered.features)
     for name, values in (("remembered.share", evidence.share), ("remembered.ground", evidence.ground)):
         check_array(name, values, np.float64, (n,))
-        if not (values.min() >= 0 and values.max() <= 1):
-            raise ValueError(f"{name} holds values from {values.min():g} to {values.max():g}; give shares, 0 to 1")
+        check_range(name, values, 0, 1)
+    return n
 
 
 def _check_belief(belief: Belief) -> None:
     """Check what was found in the frame before."""
+    check_array("before.traversable", belief.traversable, np.float64, ("n",), may_be_empty=True)
     n = len(belief.traversable)
     shapes = (("places", belief.places, (n, 2)), ("chromaticity", belief.chromaticity, (n, 2)))
     for name, values, shape in (*shapes, ("traversable", belief.traversable, (n,))):
         check_array(f"before.{name}", values, np.float64, shape, may_be_empty=True)
-        check_finite(f"before.{name}", values)
+        check_range(f"before.{name}", values, -_MOST, _MOST)
 
 
 def _evidence(occupancy: NDArray[np.uint8], graph: SuperpixelGraph) -> Evidence:
@@ -330,15 +370,15 @@ def _votes(
     ground *= _STRANGER
     marks = graph.comparison.landmarks
     voters = [(graph.votes, Evidence(evidence.share[marks], evidence.ground[marks]))]
-    if remembered is not None and len(remembered.features):
-        _check_remembered(remembered)
+    if remembered is not None and _check_remembered(remembered):
         weights = graph.comparison.with_others(remembered.features, team)
         _weigh(weights, _vote_looks(graph.features), _vote_looks(remembered.features), team)
         voters.append((weights, remembered.evidence))
     for weights, known in voters:
         share = known.share.astype(np.float32)
         kernels.add_votes(weights, share, (known.share * known.ground).astype(np.float32), total, ground)
-    return ground / total
+    with np.errstate(invalid="ignore"):  # what is not finite is refused in the end
+        return ground / total
 
 
 def _vote_looks(features: Features) -> NDArray[np.float32]:
@@ -437,8 +477,9 @@ def _labels(
     """Return the label in each superpixel of what is ground, obstacle and unknown in short range, (3, n)."""
     if not evidence.share.any():
         return np.full((3, len(traversable)), UNKNOWN, np.uint8)
-    bounds = np.array([[_OVERRULED_GROUND], [_OVERRULED_OBSTACLE], [min_share]])
-    labels = np.where(traversable > bounds, np.uint8(GROUND), np.uint8(OBSTACLE))
+    labels = np.full((3, len(traversable)), OBSTACLE, np.uint8)  # obstacles of the short range stay
+    labels[0, traversable > _OVERRULED_GROUND] = GROUND
+    labels[2, traversable > min_share] = GROUND
     free = labels[2] == GROUND
     reached = free & (evidence.share * evidence.ground > 0)
     kernels.spread(layout.starts, layout.others, free, reached)
@@ -453,7 +494,7 @@ def _confidences(labels: NDArray[np.uint8], traversable: NDArray[np.float64]) ->
     right = np.stack(
         [
             np.where(labels[0] == GROUND, ground, 1 - ground),
-            np.where(labels[1] == OBSTACLE, obstacle, 1 - obstacle),
+            obstacle,
             np.interp(np.where(labels[2] == GROUND, traversable, 1 - traversable), _SURENESS, _RIGHT_UNKNOWN),
         ]
     )
@@ -469,12 +510,11 @@ def _labelled(
     team: ThreadTeam,
 ) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
     """Return the label and the confidence of each pixel."""
-    obstacle = np.full_like(labels[0], OBSTACLE), np.maximum(confidences[1], 255 - confidences[1])
-    table = np.stack([*labels, obstacle[0]], axis=1) + np.uint16(256) * np.stack([*confidences, obstacle[1]], axis=1)
+    table = (labels + np.uint16(256) * confidences).T.ravel()
     extended, confidence = np.empty_like(occupancy), np.empty_like(occupancy)
 
     def label(first: int, last: int) -> None:
-        kernels.label_pixels(occupancy, superpixels, table.ravel(), GROUND, OBSTACLE, first, last, extended, confidence)
+        kernels.label_pixels(occupancy, superpixels, table, GROUND, OBSTACLE, first, last, extended, confidence)
 
     team.for_bands(label, occupancy.shape[1], least_rows=_LEAST_COLUMNS)
     return extended, confidence

@@ -352,7 +352,7 @@ def test_grey_images_are_told_apart_by_texture_and_brightness() -> None:
 
 def test_belief_that_is_none_is_refused() -> None:
     places, looks, traversable = np.zeros((2, 2)), np.zeros((2, 2)), np.array([0.5, np.nan])
-    with pytest.raises(ValueError, match=r"before\.traversable holds values that are not finite"):
+    with pytest.raises(ValueError, match=r"before\.traversable holds values from nan to nan; give "):
         propagation._check_belief(propagation.Belief(places, looks, traversable))
     with pytest.raises(ValueError, match=r"before\.places is float64 \(1, 2\)"):
         propagation._check_belief(propagation.Belief(places[:1], looks, np.zeros(2)))
