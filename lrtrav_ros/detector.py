@@ -27,7 +27,7 @@ from lrtrav_ros.method.matching import Matcher, create_matcher
 from lrtrav_ros.method.memory import Memory
 from lrtrav_ros.method.propagation import SuperpixelGraph, propagate, superpixel_graph
 from lrtrav_ros.method.superpixels import preemptive_slic
-from lrtrav_ros.numerics.checks import check_array
+from lrtrav_ros.numerics.checks import check_array, check_number, check_type
 from lrtrav_ros.numerics.thread_team import ALONE, ThreadTeam
 
 _P = ParamSpec("_P")
@@ -122,9 +122,16 @@ class LongRange:
         ----------
         unseen : (H, W) ndarray of bool or None
             None where it shows all.
+
+        Raises
+        ------
+        TypeError, ValueError
+            If it is no such array of the image's size.
         """
         if unseen is None:
             return self
+        check_array("occupancy", self.occupancy, np.uint8, ("H", "W"))
+        check_array("unseen", unseen, np.bool_, self.occupancy.shape)
         nothing = np.uint8(0)
         confidence = None if self.confidence is None else np.where(unseen, nothing, self.confidence)
         occupancy = np.where(unseen, np.uint8(UNKNOWN), self.occupancy)
@@ -204,6 +211,7 @@ class ShortRangeDetector:
         ShortRange
             Disparity as far as it is trusted, ground and obstacles; all is unknown where no ground line is found.
         """
+        check_type("frame", frame, Frame)
         run, camera = run or StageRunner(), frame.camera
         disparity = self._disparity(frame, run)
         disparity = run(Stage.GROUND, within_reach, disparity, camera, self.config.source.max_depth_m)
@@ -254,10 +262,21 @@ def within_reach(disparity: NDArray[np.float32], camera: StereoCamera, limit_m: 
     Returns
     -------
     (H, W) ndarray of float32
+
+    Raises
+    ------
+    TypeError, ValueError
+        If an argument is not as above.
     """
+    check_array("disparity", disparity, np.float32, ("H", "W"))
+    check_type("camera", camera, StereoCamera)
+    check_number("limit_m", limit_m)
+    if limit_m < 0:
+        raise ValueError(f"limit_m is {limit_m}; give 0 or more")
     if not limit_m:
         return disparity
-    return np.where(disparity >= camera.fx * camera.baseline_m / limit_m, disparity, np.float32(0))
+    least = min(camera.fx * camera.baseline_m / limit_m, float(np.finfo(np.float32).max))
+    return np.where(disparity >= least, disparity, np.float32(0))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -392,7 +411,9 @@ class LongRangeDetector:
         TypeError, ValueError
             If the occupancy is not such an array, or not of the image's size.
         """
+        check_type("appearance", appearance, Appearance)
         run, config, superpixels = run or StageRunner(), self.config, appearance.superpixels
+        check_array("superpixels", superpixels, np.int32, ("H", "W"))
         check_array("occupancy", occupancy, np.uint8, superpixels.shape)
         if appearance.graph is not None:
             return self._propagate(occupancy, appearance.graph, stamp_ns, run)
@@ -515,6 +536,7 @@ class Detector:
         ValueError
             If the frame has no left image.
         """
+        check_type("frame", frame, Frame)
         run, image = run or StageRunner(), frame.image
         with self._team.start(self.long_range.look, image, run) as appearance:
             short_range = self.short_range.detect(frame, run)

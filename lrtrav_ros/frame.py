@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lrtrav_ros.camera import StereoCamera
-from lrtrav_ros.numerics.checks import check_array, check_image
+from lrtrav_ros.numerics.checks import check_array, check_image, check_stamp, check_type
 
 Image: TypeAlias = NDArray[Any]
 """A grey (H, W) or BGR (H, W, 3) image of uint8 or uint16."""
@@ -50,7 +50,7 @@ class Frame:
     Raises
     ------
     TypeError
-        If an image is not a NumPy array.
+        If an image is not a NumPy array, or the camera or the time are of another type.
     ValueError
         If not exactly one of `right`, `disparity` and `depth_m` is given, or an array has another type or size; the
         message names the value and what is expected.
@@ -66,8 +66,12 @@ class Frame:
     stamp_ns: int | None = None
 
     def __post_init__(self) -> None:
-        if [self.right is None, self.disparity is None, self.depth_m is None].count(False) != 1:
-            raise ValueError("give exactly one of right image, disparity and depth")
+        n_sources = [self.right is None, self.disparity is None, self.depth_m is None].count(False)
+        if n_sources != 1:
+            raise ValueError(f"a frame has {n_sources} of them; give exactly one of right image, disparity and depth")
+        check_type("camera", self.camera, StereoCamera)
+        if self.stamp_ns is not None:
+            check_stamp(self.stamp_ns)
         if self.left is not None:
             check_array("left image", self.left, _IMAGE_TYPES, ("H", "W"), ("H", "W", 3))
             self.camera.check_size(self.left.shape)

@@ -10,6 +10,7 @@ from lrtrav_ros.numerics.kernels import kernel
 
 _ZERO, _HALF, _ONE = np.float32(0.0), np.float32(0.5), np.float32(1.0)
 _NONE = np.float32(np.nan)
+_FARTHEST_M = np.float32(1e30)  # what is aside of the camera is farther still, and has to stay finite
 
 
 @kernel
@@ -86,9 +87,10 @@ def _write(
     scale: np.float32,
     row: NDArray[np.float32],
 ) -> None:
-    """Write the points of a row; NaN where there is no disparity."""
+    """Write the points of a row; NaN where there is no disparity, or so little that the point is no number."""
     for u in range(disparity.size):
-        z = scale / disparity[u] if disparity[u] > _ZERO else _NONE
+        z = scale / disparity[u]
+        z = z if z < _FARTHEST_M else _NONE
         row[u, 0] = across[u] * z
         row[u, 1] = down * z
         row[u, 2] = z

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,10 +13,11 @@ from lrtrav_ros.camera import StereoCamera
 from lrtrav_ros.config import MapsConfig
 from lrtrav_ros.frame import valid_disparity
 from lrtrav_ros.mapping import _grid_kernels as kernels
+from lrtrav_ros.mapping._settings import checked_settings
 from lrtrav_ros.mapping.ground_frame import GroundFrame
 from lrtrav_ros.mapping.slopes import with_slopes
 from lrtrav_ros.method.ground import GroundLine
-from lrtrav_ros.numerics.checks import check_array, check_finite
+from lrtrav_ros.numerics.checks import check_array, check_number, check_type
 
 FREE = kernels.FREE
 """Value of a cell in which nothing but ground is seen."""
@@ -27,7 +28,11 @@ OCCUPIED = kernels.OCCUPIED
 UNKNOWN = kernels.UNSEEN
 """Value of a cell that is hidden, out of sight, or beyond what the image resolves."""
 
+_FARTHEST_M = 1e9  # farther than anything on earth: cells can be counted up to there
+_MOST_CELLS = 1e6  # a metre
 
+
+@runtime_checkable
 class NearGround(Protocol):
     """Ground and obstacles of the short range, such as `ShortRange`.
 
@@ -74,8 +79,11 @@ class Grid:
 
     def __post_init__(self) -> None:
         check_array("cells", self.cells, np.int8, ("n_y", "n_x"))
-        if not 0 < self.resolution_m < math.inf:
-            raise ValueError(f"resolution is {self.resolution_m} m; give a positive number")
+        check_number("resolution_m", self.resolution_m, above=1 / _MOST_CELLS, most=_MOST_CELLS)
+        if not isinstance(self.origin_m, tuple) or len(self.origin_m) != 2:
+            raise TypeError(f"origin_m is {self.origin_m!r}; give a tuple of x and y")
+        for name, value in zip(("x", "y"), self.origin_m, strict=True):
+            check_number(f"{name} of the origin", value, most=_FARTHEST_M)
 
     @property
     def image(self) -> NDArray[np.uint8]:
@@ -105,7 +113,8 @@ class Grid:
         ValueError
             If a number is not finite.
         """
-        check_finite("x_m, y_m, yaw_rad", np.array([x_m, y_m, yaw_rad]))
+        for name, value in (("x_m", x_m), ("y_m", y_m), ("yaw_rad", yaw_rad)):
+            check_number(name, value, most=_FARTHEST_M)
         cos, sin, size = math.cos(yaw_rad), math.sin(yaw_rad), self.resolution_m
         n_y, n_x = self.cells.shape
         corners = np.array(self.origin_m) + size * np.array([(0, 0), (n_x, 0), (0, n_y), (n_x, n_y)])
@@ -154,7 +163,8 @@ def ground_grid(
     TypeError, ValueError
         If an array is not as above, or two differ in size.
     """
-    config = config or MapsConfig()
+    check_type("near", near, NearGround)
+    config = checked_settings(config, near.line, camera)
     check_array("occupancy", occupancy, np.uint8, ("H", "W"))
     check_array("near.occupancy", near.occupancy, np.uint8, occupancy.shape)
     check_array("near.disparity", near.disparity, np.float32, occupancy.shape)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from lrtrav_ros.method.ground import GroundLine
-from lrtrav_ros.numerics.checks import check_array
+from lrtrav_ros.frame import valid_disparity
+from lrtrav_ros.method.ground import MOST_COEFFICIENT, GroundLine
 
 _N_SAMPLES = 40  # rows and columns of pixels that are looked at
 
@@ -17,7 +17,7 @@ def ground_line_of(disparity: NDArray[np.float32]) -> GroundLine | None:
     Parameters
     ----------
     disparity : (H, W) ndarray of float32
-        In pixels; 0 from the horizon up, or everywhere where no ground was found.
+        In pixels; 0 from the horizon up, or everywhere where no ground was found. What is no number counts as none.
 
     Returns
     -------
@@ -29,15 +29,17 @@ def ground_line_of(disparity: NDArray[np.float32]) -> GroundLine | None:
     TypeError, ValueError
         If `disparity` is not such an array.
     """
-    check_array("disparity", disparity, np.float32, ("H", "W"))
+    disparity = valid_disparity(disparity)
     v, u = (np.unique(np.linspace(0, size - 1, _N_SAMPLES).round().astype(int)) for size in disparity.shape)
     v, u = (grid.reshape(-1) for grid in np.meshgrid(v, u, indexing="ij"))
     d = disparity[v, u].astype(np.float64)
     v, u, d = v[d > 0], u[d > 0], d[d > 0]
     # d + bend / d = slope v + intercept + tilt u
     terms = np.stack([v, np.ones(len(d)), u, -1 / d], axis=1)
-    if np.linalg.matrix_rank(terms[:, :3]) < 3:
+    if len(d) < 3 or np.linalg.matrix_rank(terms[:, :3]) < 3:
         return None
     scale = np.abs(terms).max(axis=0)
     slope, intercept, tilt, bend = np.linalg.lstsq(terms / scale, d, rcond=None)[0] / scale
-    return GroundLine(float(slope), float(intercept), float(tilt), float(bend)) if slope > 0 else None
+    if not (slope > 0 and max(map(abs, (slope, intercept, tilt, bend))) <= MOST_COEFFICIENT):
+        return None
+    return GroundLine(float(slope), float(intercept), float(tilt), float(bend))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,8 +10,10 @@ from numpy.typing import NDArray
 
 from lrtrav_ros.camera import StereoCamera
 from lrtrav_ros.method.ground import GroundLine
-from lrtrav_ros.numerics.checks import check_array, check_finite, check_rotation
+from lrtrav_ros.numerics.checks import check_array, check_finite, check_number, check_rotation
 from lrtrav_ros.pose import Pose
+
+_LEAST_ACROSS = 1e-6  # of the direction up: less is lost in rounding
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -38,8 +41,7 @@ class GroundFrame:
 
     def __post_init__(self) -> None:
         check_rotation("rotation", self.rotation)
-        if not 0 < self.height_m < np.inf:
-            raise ValueError(f"height is {self.height_m} m; give a positive number")
+        check_number("height_m", self.height_m, above=0)
 
     @classmethod
     def of(cls, line: GroundLine, camera: StereoCamera) -> GroundFrame:
@@ -67,9 +69,10 @@ class GroundFrame:
         """
         check_array("up", up, np.float64, (3,))
         check_finite("up", up)
-        if not up[:2].any():
+        length = float(np.linalg.norm(up))
+        if not _LEAST_ACROSS * length < math.hypot(up[0], up[1]):
             raise ValueError(f"up is {up.tolist()}; give a direction across the camera's axis, or nothing is ahead")
-        up = up / np.linalg.norm(up)
+        up = up / length
         ahead = np.array([0.0, 0.0, 1.0]) - up[2] * up
         ahead /= np.linalg.norm(ahead)
         return cls(np.stack([ahead, np.cross(up, ahead), up]), height_m)
@@ -90,8 +93,15 @@ class GroundFrame:
         Returns
         -------
         (..., 3) ndarray of float64
+
+        Raises
+        ------
+        TypeError, ValueError
+            If `points` is not such an array.
         """
-        return points @ self.rotation.T + np.array([0.0, 0.0, self.height_m])
+        _check_points(points)
+        with np.errstate(invalid="ignore"):  # what is not finite stays so
+            return points @ self.rotation.T + np.array([0.0, 0.0, self.height_m])
 
     def to_camera(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return points of this frame in the camera's optical frame.
@@ -104,8 +114,15 @@ class GroundFrame:
         Returns
         -------
         (..., 3) ndarray of float64
+
+        Raises
+        ------
+        TypeError, ValueError
+            If `points` is not such an array.
         """
-        return (points - np.array([0.0, 0.0, self.height_m])) @ self.rotation
+        _check_points(points)
+        with np.errstate(invalid="ignore"):  # what is not finite stays so
+            return (points - np.array([0.0, 0.0, self.height_m])) @ self.rotation
 
     @property
     def pose_in_camera(self) -> Pose:
@@ -120,6 +137,10 @@ class GroundFrame:
         x, y, z, w = Rotation.from_matrix(self.rotation).as_quat()
         sign = -1.0 if w < 0 else 1.0
         return (sign * float(x), sign * float(y), sign * float(z), sign * float(w))
+
+
+def _check_points(points: NDArray[np.float64]) -> None:
+    check_array("points", points, np.float64, (3,), ("N", 3), ("H", "W", 3), may_be_empty=True)
 
 
 def ground_frame_id(camera_frame_id: str) -> str:

@@ -12,11 +12,13 @@ from lrtrav_ros.camera import StereoCamera
 from lrtrav_ros.config import MapsConfig
 from lrtrav_ros.frame import valid_disparity
 from lrtrav_ros.mapping import _points_kernels as kernels
+from lrtrav_ros.mapping._settings import checked_settings
 from lrtrav_ros.mapping.ground_frame import GroundFrame
 from lrtrav_ros.mapping.slopes import with_slopes
 from lrtrav_ros.method.ground import GroundLine
-from lrtrav_ros.numerics.checks import check_array
+from lrtrav_ros.numerics.checks import check_array, check_number
 
+_FARTHEST_M = 1e9  # farther than anything on earth
 _LEAST_SHARE = 0.03  # of a voxel's face: a wire of 3 mm in one of 0.1 m; a mismatch is smaller
 
 
@@ -62,7 +64,8 @@ def obstacle_points(
     TypeError, ValueError
         If an array is not as above, or the two differ in size.
     """
-    config = config or MapsConfig()
+    config = checked_settings(config, line, camera)
+    check_number("least_height_m", least_height_m, most=_FARTHEST_M)
     disparity = valid_disparity(disparity)
     check_array("occupancy", occupancy, np.uint8, disparity.shape)
     if line is None:
@@ -108,7 +111,7 @@ def free_points(
     TypeError, ValueError
         If `occupancy` is not such an array.
     """
-    config = config or MapsConfig()
+    config = checked_settings(config, line, camera)
     check_array("occupancy", occupancy, np.uint8, ("H", "W"))
     if line is None:
         return np.empty((0, 3), np.float32)

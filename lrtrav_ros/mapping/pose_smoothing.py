@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lrtrav_ros.mapping.ground_frame import GroundFrame
+from lrtrav_ros.numerics.checks import check_stamp, check_type
 
 _TIME_CONSTANT_S = 0.1  # a robot that pitches and rolls takes about a second to sway once
 _MAX_GAP_S = 1.0
@@ -42,6 +43,9 @@ class PoseSmoother:
         -------
         GroundFrame
         """
+        check_type("ground", ground, GroundFrame)
+        if stamp_ns is not None:
+            check_stamp(stamp_ns)
         passed_s = math.inf if stamp_ns is None or self._stamp_ns is None else (stamp_ns - self._stamp_ns) / 1e9
         self._stamp_ns = stamp_ns
         if not 0 <= passed_s <= _MAX_GAP_S:

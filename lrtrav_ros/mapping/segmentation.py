@@ -13,6 +13,7 @@ from lrtrav_ros.camera import StereoCamera
 from lrtrav_ros.config import MapsConfig
 from lrtrav_ros.frame import valid_disparity
 from lrtrav_ros.mapping import _segmentation_kernels as kernels
+from lrtrav_ros.mapping._settings import checked_settings
 from lrtrav_ros.method.ground import GROUND, OBSTACLE, GroundLine
 from lrtrav_ros.numerics.checks import check_array
 
@@ -112,7 +113,7 @@ def segmentation_points(
     TypeError, ValueError
         If an array is not as above, or the two differ in size.
     """
-    config = config or MapsConfig()
+    config = checked_settings(config, line, camera)
     disparity = valid_disparity(disparity)
     check_array("occupancy", occupancy, np.uint8, disparity.shape)
     coefficients, clearance = np.zeros(4), np.inf

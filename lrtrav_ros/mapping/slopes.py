@@ -11,6 +11,7 @@ from lrtrav_ros.camera import StereoCamera
 from lrtrav_ros.config import MapsConfig
 from lrtrav_ros.frame import valid_disparity
 from lrtrav_ros.mapping import _slopes_kernels as kernels
+from lrtrav_ros.mapping._settings import checked_settings
 from lrtrav_ros.mapping.ground_frame import GroundFrame
 from lrtrav_ros.method.ground import GroundLine
 from lrtrav_ros.numerics.checks import check_array
@@ -63,7 +64,7 @@ def with_slopes(
     TypeError, ValueError
         If an array is not as above, or the two differ in size.
     """
-    config = config or MapsConfig()
+    config = checked_settings(config, line, camera)
     disparity = valid_disparity(disparity)
     check_array("occupancy", occupancy, np.uint8, disparity.shape)
     followed = np.array(occupancy, order="C")

@@ -21,7 +21,7 @@ from lrtrav_ros.config import ClusteringConfig, FeaturesConfig
 from lrtrav_ros.method.comparison import compare
 from lrtrav_ros.method.features import Features
 from lrtrav_ros.numerics.blas import one_blas_thread
-from lrtrav_ros.numerics.checks import check_array, check_distances, check_finite
+from lrtrav_ros.numerics.checks import check_array, check_distances, check_finite, check_type
 
 _MAX_ITERATIONS = 100
 
@@ -48,7 +48,8 @@ def spectral_clusters(distances: NDArray[np.float64], config: ClusteringConfig |
     TypeError, ValueError
         If `distances` is not such an array, or holds a value that is negative or not finite.
     """
-    config = config or ClusteringConfig()
+    config = ClusteringConfig() if config is None else config
+    check_type("config", config, ClusteringConfig)
     check_distances("distances", distances)
     if len(distances) < 2:
         return np.zeros(len(distances), np.int32)
@@ -86,6 +87,7 @@ def spread_clusters(
     TypeError, ValueError
         If the features are none, or `clusters` has not a number for each landmark.
     """
+    check_type("features", features, Features)
     check_array("clusters", clusters, np.int32, (len(features.landmarks),))
     if len(clusters) == len(features):
         return clusters

@@ -19,8 +19,9 @@ from scipy.sparse.csgraph import connected_components
 from lrtrav_ros.config import ExtensionConfig
 from lrtrav_ros.method import _extension_kernels as kernels
 from lrtrav_ros.method.ground import GROUND, OBSTACLE, UNKNOWN
-from lrtrav_ros.numerics.checks import check_array, check_labels
+from lrtrav_ros.numerics.checks import check_array, check_count, check_labels, check_type
 
+_MOST_SUPERPIXELS = 2**26  # no camera has as many pixels
 _COLUMNS = np.full(256, 3, np.uint8)  # of the counts of each superpixel; the last is for what is no occupancy
 _COLUMNS[[GROUND, OBSTACLE, UNKNOWN]] = [0, 1, 2]
 
@@ -55,7 +56,8 @@ def extend(
     TypeError, ValueError
         If an argument is not such an array, the two images differ in size, or the rule takes no clusters.
     """
-    config = config or ExtensionConfig(rule="evidence")
+    config = ExtensionConfig(rule="evidence") if config is None else config
+    check_type("config", config, ExtensionConfig)
     if config.rule not in RULES:
         raise ValueError(f"extension.rule {config.rule!r} takes no clusters; give one of {', '.join(RULES)}")
     check_array("superpixels", superpixels, np.int32, ("H", "W"))
@@ -136,6 +138,7 @@ def superpixel_layout(superpixels: NDArray[np.int32], n: int) -> Layout:
         If `superpixels` is not such an array.
     """
     check_array("superpixels", superpixels, np.int32, ("H", "W"))
+    check_count("n", n, most=_MOST_SUPERPIXELS)
     check_labels("superpixels", superpixels, n)
     sums = np.zeros((n, 3), np.int64)
     first, second = kernels.survey(np.ascontiguousarray(superpixels), sums)
@@ -168,6 +171,7 @@ def count_evidence(
     """
     check_array("superpixels", superpixels, np.int32, ("H", "W"))
     check_array("occupancy", occupancy, np.uint8, superpixels.shape)
+    check_count("n", n, most=_MOST_SUPERPIXELS)
     check_labels("superpixels", superpixels, n)
     counts = np.zeros((n, 4), np.uint32)
     kernels.count_values(np.ascontiguousarray(occupancy), np.ascontiguousarray(superpixels), _COLUMNS, counts)

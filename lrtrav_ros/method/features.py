@@ -20,7 +20,7 @@ from lrtrav_ros.config import FeaturesConfig
 from lrtrav_ros.frame import to_grey
 from lrtrav_ros.method import _features_kernels as kernels
 from lrtrav_ros.method.textures import TEXTURES
-from lrtrav_ros.numerics.checks import check_array, check_image, check_labels
+from lrtrav_ros.numerics.checks import check_array, check_count, check_image, check_labels, check_type
 from lrtrav_ros.numerics.thread_team import ALONE, ThreadTeam
 
 HSV_BINS = (kernels.HUES, kernels.SATURATIONS, kernels.VALUES)
@@ -30,6 +30,7 @@ MAX_LANDMARKS = 640
 """Superpixels that all are compared with, at most: time and memory grow with n times this, not with n squared."""
 
 _N_COLOURS = math.prod(HSV_BINS)
+_MOST_TEXTURE_BINS = 2**15
 _DARK = 4.0  # grey levels: in the dark, the ratios of colours are noise
 
 
@@ -57,11 +58,21 @@ class Features:
     @property
     def landmarks(self) -> NDArray[np.intp]:
         """Numbers of those that all are compared with: all, or `MAX_LANDMARKS` that are evenly spread over them."""
+        check_array("colour", self.colour, (np.float32, np.float64), ("n", "bins"), may_be_empty=True)
         n = len(self)
         return np.arange(n) if n <= MAX_LANDMARKS else np.linspace(0, n - 1, MAX_LANDMARKS).astype(np.intp)
 
     def chosen(self, which: NDArray[np.intp]) -> Features:
-        """Return the features of superpixels given by their numbers, (m,) ndarray of intp."""
+        """Return the features of superpixels given by their numbers, (m,) ndarray of intp.
+
+        Raises TypeError or ValueError if it is no such array, or a number is that of no superpixel.
+        """
+        check_array("which", which, np.intp, ("m",), may_be_empty=True)
+        check_array("colour", self.colour, (np.float32, np.float64), ("n", "bins"), may_be_empty=True)
+        check_array("texture", self.texture, (np.float32, np.float64), ("n", "bins"), may_be_empty=True)
+        check_array("chromaticity", self.chromaticity, np.float64, ("n", 2), may_be_empty=True)
+        if len(which):
+            check_labels("which", which, min(len(self.colour), len(self.texture), len(self.chromaticity)))
         return Features(self.colour[which], self.texture[which], self.chromaticity[which])
 
 
@@ -109,8 +120,10 @@ def pixel_bins(
         If the image is not as there.
     """
     check_image("image", image)
+    config = FeaturesConfig() if config is None else config
+    check_type("config", config, FeaturesConfig)
     image = np.ascontiguousarray(image)
-    texture = TEXTURES[(config or FeaturesConfig()).texture]
+    texture = TEXTURES[config.texture]
     with team.start(lambda: texture.describe(to_grey(image))) as described:
         colour, patterns = _colour_bins(image), described.result()
         return PixelBins(colour, patterns, texture.n_bins // len(patterns))
@@ -159,6 +172,10 @@ def superpixel_features(
 
 def _check_bins(bins: PixelBins, shape: tuple[int, ...]) -> None:
     """Check the bins of an image of some size."""
+    check_type("bins", bins, PixelBins)
+    check_count("bins.n_texture_bins", bins.n_texture_bins, most=_MOST_TEXTURE_BINS)
+    if not isinstance(bins.textures, tuple) or not bins.textures:
+        raise TypeError(f"bins.textures is of type {type(bins.textures).__name__}; give a tuple of one array or more")
     check_array("bins.colour", bins.colour, np.uint16, shape)
     check_labels("bins.colour", bins.colour, _N_COLOURS)
     for texture in bins.textures:
@@ -261,7 +278,7 @@ def texture_histograms(
     TypeError, ValueError
         If an image is not as above, the two differ in size, or there is no such descriptor.
     """
-    if texture not in TEXTURES:
+    if not isinstance(texture, str) or texture not in TEXTURES:
         raise ValueError(f"no texture descriptor {texture!r}; choose one of {', '.join(TEXTURES)}")
     n = _count_superpixels(image, superpixels)
     patterns = TEXTURES[texture].describe(to_grey(image))

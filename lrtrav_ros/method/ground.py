@@ -25,7 +25,7 @@ from lrtrav_ros.camera import StereoCamera
 from lrtrav_ros.config import GroundConfig
 from lrtrav_ros.frame import valid_disparity
 from lrtrav_ros.method import _ground_kernels as kernels
-from lrtrav_ros.numerics.checks import check_array, check_count, check_finite
+from lrtrav_ros.numerics.checks import check_array, check_count, check_number, check_range, check_type
 from lrtrav_ros.numerics.thread_team import ALONE, ThreadTeam
 
 GROUND = kernels.GROUND
@@ -43,7 +43,11 @@ NO_GROUND = "no ground line found"
 SHAPES = {"line": 2, "plane": 3, "curved": 4}
 """Shapes of the ground (setting ``ground.shape``): how many of slope, intercept, tilt and bend are fitted."""
 
+MOST_COEFFICIENT = 1e15
+"""No slope, intercept, tilt or bend of a ground line is as large; what is computed from them stays finite."""
+
 _MAX_DISPARITIES = 1024  # what is nearer is left to the plane
+_MOST_BINS = 2**15  # of a histogram: no disparity is valid beyond
 _SLOPE_STEP = 0.03  # relative step between the slopes of the Hough transform
 _FIT_STEP_M = 0.1  # the fit begins without tilt and bend, and has to see ground that is off by as much
 _SAMPLING = 3  # rows and columns between the pixels of the refit
@@ -82,7 +86,7 @@ class GroundLine:
     Raises
     ------
     ValueError
-        If a value is not finite, or the slope is not above 0.
+        If a value is not finite or absurdly large, or the slope is not above 0.
     """
 
     slope: float
@@ -91,14 +95,15 @@ class GroundLine:
     bend: float = 0.0
 
     def __post_init__(self) -> None:
-        check_finite("line", self.coefficients)
+        for name in ("slope", "intercept", "tilt", "bend"):
+            check_number(name, getattr(self, name), most=MOST_COEFFICIENT)
         if self.slope <= 0:
             raise ValueError(f"slope is {self.slope}; give a value above 0, for ground is nearer in lower rows")
 
     @property
     def coefficients(self) -> NDArray[np.float64]:
         """Slope, intercept, tilt and bend, (4,) float64."""
-        return np.array([self.slope, self.intercept, self.tilt, self.bend])
+        return np.array([self.slope, self.intercept, self.tilt, self.bend], np.float64)
 
     def disparity(self, height: int, width: int) -> NDArray[np.float32]:
         """Return the ground's disparity in an image.
@@ -147,7 +152,18 @@ class GroundLine:
         -------
         ndarray of float64
             Metres, in the shape of `row`; infinite from the horizon up.
+
+        Raises
+        ------
+        TypeError, ValueError
+            If `row` is neither a finite number nor such an array, of one or two axes.
         """
+        check_type("camera", camera, StereoCamera)
+        if isinstance(row, np.ndarray):
+            check_array("row", row, np.float64, ("n",), ("H", "W"), may_be_empty=True)
+            check_range("row", row, -MOST_COEFFICIENT, MOST_COEFFICIENT)
+        else:
+            check_number("row", row, most=MOST_COEFFICIENT)
         row = np.asarray(row, np.float64)
         disparity = self._bent(self.slope * row + self.intercept + self.tilt * camera.cx)
         pitch = self.pitch_rad(camera)
@@ -263,7 +279,7 @@ def detect_ground(
     TypeError, ValueError
         If `disparity` is not such an array.
     """
-    config = config or GroundConfig()
+    config = _checked_config(config, camera, before)
     disparity = _checked("disparity", disparity)
     n_disparities = min(int(disparity.max()) + 2, _MAX_DISPARITIES)
     histogram = _count_columns(disparity, n_disparities, team)
@@ -307,7 +323,7 @@ def u_disparity(disparity: NDArray[np.float32], *, n_disparities: int) -> NDArra
         If `disparity` is not such an array, or `n_disparities` is no number above 0.
     """
     disparity = _checked("disparity", disparity)
-    check_count("n_disparities", n_disparities)
+    check_count("n_disparities", n_disparities, most=_MOST_BINS)
     return _count_columns(disparity, n_disparities, ALONE)
 
 
@@ -342,7 +358,7 @@ def v_disparity(disparity: NDArray[np.float32], *, n_disparities: int) -> NDArra
         If `disparity` is not such an array, or `n_disparities` is no number above 0.
     """
     disparity = _checked("disparity", disparity)
-    check_count("n_disparities", n_disparities)
+    check_count("n_disparities", n_disparities, most=_MOST_BINS)
     return _count_rows(disparity, np.ones((n_disparities, disparity.shape[1]), np.bool_), ALONE)
 
 
@@ -383,7 +399,7 @@ def obstacle_cells(
     TypeError, ValueError
         If `histogram` is not such an array, or `n_rows` is no number above 0.
     """
-    config = config or GroundConfig()
+    config = _checked_config(config, camera)
     check_array("histogram", histogram, np.uint16, ("D", "W"))
     check_count("n_rows", n_rows)
     rows_per_metre = camera.fy / camera.fx * np.arange(histogram.shape[0]) / camera.baseline_m
@@ -444,7 +460,7 @@ def find_ground_line(
     TypeError, ValueError
         If `histogram` is not such an array.
     """
-    config = config or GroundConfig()
+    config = _checked_config(config, camera)
     check_array("histogram", histogram, np.int32, ("H", "D"))
     n_rows, n_disparities = histogram.shape
     reach = math.tan(math.radians(config.max_pitch_deg)) * camera.fy
@@ -478,7 +494,9 @@ def _refit(
     fitted = np.array([line.slope, line.intercept, 0.0, 0.0])
     noise, relative = 2 * config.noise_px, max(config.max_step_m, _FIT_STEP_M) / line.camera_height_m(camera)
     found = kernels.fit(samples, _SAMPLING, fitted, SHAPES[config.shape], noise, relative, config.min_support)
-    return GroundLine(*fitted.tolist()) if found and fitted[0] > 0 and np.isfinite(fitted).all() else None
+    return (
+        GroundLine(*fitted.tolist()) if found and fitted[0] > 0 and np.abs(fitted).max() <= MOST_COEFFICIENT else None
+    )
 
 
 def _is_better(
@@ -560,7 +578,7 @@ def back_project(
     TypeError, ValueError
         If an array is not as above, or the two differ in size.
     """
-    config = config or GroundConfig()
+    config = _checked_config(config, camera, line)
     disparity, obstacles = _checked("disparity", disparity), _checked("obstacles", obstacles)
     check_array("obstacles", obstacles, np.float32, disparity.shape)
     return _occupancy(disparity, obstacles, line, camera, config, ALONE)
@@ -678,6 +696,15 @@ def _fill_holes(occupancy: NDArray[np.uint8], disparity: NDArray[np.float32], si
         ground = (occupancy == GROUND).astype(np.uint8)
         closed = cv2.morphologyEx(ground, cv2.MORPH_CLOSE, np.ones((size, size), np.uint8))
         kernels.fill_holes(closed, disparity, occupancy)
+
+
+def _checked_config(config: GroundConfig | None, camera: StereoCamera, line: GroundLine | None = None) -> GroundConfig:
+    """Return the settings, the default ones for None, and check all that a function is given beside them and arrays."""
+    config = GroundConfig() if config is None else config
+    check_type("config", config, GroundConfig)
+    check_type("camera", camera, StereoCamera)
+    check_type("line", line, GroundLine, may_be_none=True)
+    return config
 
 
 def _checked(name: str, disparity: NDArray[np.float32]) -> NDArray[np.float32]:

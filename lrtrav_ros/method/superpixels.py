@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 
 from lrtrav_ros.config import SuperpixelsConfig
 from lrtrav_ros.method import _superpixels_kernels as kernels
-from lrtrav_ros.numerics.checks import check_image
+from lrtrav_ros.numerics.checks import check_image, check_type
 from lrtrav_ros.numerics.thread_team import ALONE, ThreadTeam
 
 # Connected pieces smaller than this share of a grid cell are fragments, which join a neighbour. With 0.3, about as many
@@ -72,7 +72,8 @@ def preemptive_slic(
     >>> preemptive_slic(image, SuperpixelsConfig(n_superpixels=2))[0, ::10]
     array([0, 0, 1], dtype=int32)
     """
-    config = config or SuperpixelsConfig()
+    config = SuperpixelsConfig() if config is None else config
+    check_type("config", config, SuperpixelsConfig)
     check_image("image", image)
     if image.ndim == 2:
         image = np.repeat(image[..., np.newaxis], 3, axis=2)

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import sys
 from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
+
+_LARGEST = sys.float_info.max
 
 Shape: TypeAlias = tuple[int | str, ...]
 """Sizes of an array's axes; a name, such as ``"H"``, stands for any size, the same wherever it occurs."""
@@ -36,7 +39,7 @@ def check_array(
     Raises
     ------
     TypeError
-        If it is not a NumPy array.
+        If it is not a NumPy array, or a masked array or matrix, with which NumPy computes otherwise.
     ValueError
         If it has another type or shape.
 
@@ -47,7 +50,7 @@ def check_array(
     ValueError: occupancy is uint16 (4, 6); give uint8 (H, W), not empty
     """
     dtypes = dtypes if isinstance(dtypes, tuple) else (dtypes,)
-    is_array = isinstance(array, np.ndarray)
+    is_array = isinstance(array, np.ndarray) and not isinstance(array, (np.ma.MaskedArray, np.matrix))
     fits = is_array and array.dtype in dtypes and any(_has_shape(array, shape) for shape in shapes)
     if fits and (array.size or may_be_empty):
         return
@@ -77,8 +80,8 @@ def check_labels(name: str, labels: NDArray[np.number[Any]], n_labels: int) -> i
     return high
 
 
-def check_distances(name: str, distances: NDArray[np.float64]) -> None:
-    """Check a matrix of the distances between n things, float64 (n, n), finite and not negative; n may be 0.
+def check_distances(name: str, distances: NDArray[np.float64], *, highest: float = np.finfo(np.float64).max) -> None:
+    """Check a matrix of the distances between n things, float64 (n, n), from 0 to `highest`; n may be 0.
 
     Raises
     ------
@@ -89,14 +92,23 @@ def check_distances(name: str, distances: NDArray[np.float64]) -> None:
     """
     check_array(name, distances, np.float64, ("n", "n"), may_be_empty=True)
     low, high = (float(distances.min()), float(distances.max())) if distances.size else (0.0, 0.0)
-    if not (low >= 0 and high < np.inf):
-        raise ValueError(f"{name} holds values from {low:g} to {high:g}; give finite distances from 0 up")
+    if not (low >= 0 and high <= highest):
+        raise ValueError(
+            f"{name} holds values from {low:g} to {high:g}; give finite distances from 0 up to {highest:g}"
+        )
 
 
 def check_finite(name: str, array: NDArray[np.floating[Any]]) -> None:
     """Check that no element is infinite or NaN; raises ValueError if one is."""
     if not np.isfinite(array).all():
         raise ValueError(f"{name} holds values that are not finite; give finite numbers")
+
+
+def check_range(name: str, array: NDArray[np.floating[Any]], low: float, high: float) -> None:
+    """Check that all elements, if there are any, are in a range; raises ValueError if one is not, or is NaN."""
+    if array.size and not (array.min() >= low and array.max() <= high):
+        values = f"{array.min():g} to {array.max():g}"
+        raise ValueError(f"{name} holds values from {values}; give {low:g} to {high:g}")
 
 
 def check_rotation(name: str, matrix: NDArray[np.float64]) -> None:
@@ -113,20 +125,62 @@ def check_rotation(name: str, matrix: NDArray[np.float64]) -> None:
         raise ValueError(f"{name} is {matrix.tolist()}; give an orthonormal matrix of determinant 1")
 
 
-def check_count(name: str, count: int) -> None:
-    """Check a number of things, at least 1.
+def check_count(name: str, count: int, *, least: int = 1, most: int = 2**31 - 1) -> None:
+    """Check a number of things.
 
     Raises
     ------
     TypeError
         If it is not a whole number.
     ValueError
-        If it is below 1.
+        If it is out of range; what is made for each of the things has to fit into memory.
     """
     if isinstance(count, bool) or not isinstance(count, (int, np.integer)):
         raise TypeError(f"{name} is {count!r}; give a whole number")
-    if count < 1:
-        raise ValueError(f"{name} is {count}; give at least 1")
+    if not least <= count <= most:
+        raise ValueError(f"{name} is {count}; give {least} to {most}")
+
+
+def check_stamp(stamp_ns: int) -> None:
+    """Check a time in nanoseconds, a whole number of 64 bits; raises what `check_count` does."""
+    check_count("stamp_ns", stamp_ns, least=-(2**63), most=2**63 - 1)
+
+
+def check_number(name: str, number: float, *, above: float | None = None, most: float = _LARGEST) -> None:
+    """Check a finite number, such as a length.
+
+    Parameters
+    ----------
+    name : str
+        Its name in the error.
+    number : float
+        What was given; whole numbers will do.
+    above : float, optional
+        What it has to be greater than.
+    most : float
+        What it may be at most, above or below 0.
+
+    Raises
+    ------
+    TypeError
+        If it is no number.
+    ValueError
+        If it is NaN or out of range.
+    """
+    if isinstance(number, bool) or not isinstance(number, (int, float, np.integer, np.floating)):
+        raise TypeError(f"{name} is {number!r}; give a number")
+    if isinstance(number, np.generic):
+        number = number.item()  # single precision would overflow when it is compared
+    if not (abs(number) <= most and (above is None or number > above)):
+        bounds = ("" if above is None else f" above {above:g}") + ("" if most == _LARGEST else f", at most {most:g}")
+        raise ValueError(f"{name} is {number}; give a finite number{bounds}")
+
+
+def check_type(name: str, value: object, kind: type, *, may_be_none: bool = False) -> None:
+    """Check that a value is of a class, or None where it may be; raises TypeError if it is not."""
+    if not isinstance(value, kind) and not (may_be_none and value is None):
+        none = " or None" if may_be_none else ""
+        raise TypeError(f"{name} is of type {type(value).__name__}; give {kind.__name__}{none}")
 
 
 def _has_shape(array: NDArray[Any], shape: Shape) -> bool:

@@ -12,10 +12,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from lrtrav_ros.numerics.checks import check_array, check_count, check_number, check_range, check_type
 from lrtrav_ros.synthetic import raycasting
 from lrtrav_ros.synthetic.scene_config import SceneConfig
 
 _ENDLESS_M = 1e6
+_FARTHEST_M = 1e9  # farther than anything on earth
 _SEGMENT_M = 8.0
 _CULVERT_M = 2.0
 _CROSSING_M = 2.5
@@ -40,6 +42,10 @@ class PitMaterials:
     masonry: int
     ballast: int
 
+    def __post_init__(self) -> None:
+        for name in ("soil", "masonry", "ballast"):
+            check_count(name, getattr(self, name), least=0)
+
 
 def make_pits(
     config: SceneConfig, path: NDArray[np.float64], half_width: float, materials: PitMaterials
@@ -56,7 +62,16 @@ def make_pits(
         Half width of the path [m].
     materials : PitMaterials
         What they are made of.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If an argument is not as above.
     """
+    check_type("config", config, SceneConfig)
+    check_number("half_width", half_width, most=_FARTHEST_M)
+    check_type("materials", materials, PitMaterials)
+    check_array("path", path, np.float64, ("n", 3), may_be_empty=True)
     rng = np.random.default_rng((config.seed, 3))
     y = (config.n_frames - 1) * config.speed_m_s / config.rate_hz + rng.uniform(4.0, 6.0)
     rows: list[list[float]] = []
@@ -123,7 +138,17 @@ def settled(things: list[NDArray[np.float64]], pits: NDArray[np.float64]) -> NDA
         The solids of each thing, as in `Scene.solids`, on the ground without pits.
     pits : (n, 9) ndarray of float64
         `Scene.pits`.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If an array is not as above.
     """
+    check_array("pits", pits, np.float64, ("n", 9), may_be_empty=True)
+    check_range("pits", pits, -_FARTHEST_M, _FARTHEST_M)
+    for thing in things:
+        check_array("thing", thing, np.float64, ("n", 10))
+        check_range("thing", thing, -_FARTHEST_M, _FARTHEST_M)
     kept = [np.zeros((0, 10))]
     for thing in things:
         inside = np.array([_distance_inside(pit, thing) for pit in pits])

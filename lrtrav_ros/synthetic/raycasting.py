@@ -16,7 +16,16 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from lrtrav_ros.numerics.checks import Shape, check_array, check_count, check_finite, check_labels
+from lrtrav_ros.numerics.checks import (
+    Shape,
+    check_array,
+    check_count,
+    check_finite,
+    check_labels,
+    check_number,
+    check_range,
+    check_type,
+)
 from lrtrav_ros.synthetic import _raycasting_kernels as kernels
 
 BOX, CYLINDER, ELLIPSOID = kernels.BOX, kernels.CYLINDER, kernels.ELLIPSOID
@@ -27,6 +36,9 @@ SKY, GROUND, SOLID, PIT = kernels.SKY, kernels.GROUND, kernels.SOLID, kernels.PI
 
 _CORNERS = np.array([(i, j, k) for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)], np.float64)
 _N_GROUND_MATERIALS = 3
+_MOST_PX = 2**13  # rows or columns of an image
+_MOST_CELLS = 2**22  # of shadows
+_FARTHEST_M = 1e9  # farther than anything on earth
 
 
 class Bins(NamedTuple):
@@ -180,7 +192,9 @@ def cast(scene: Scene, view: View, executor: Executor, n_parts: int) -> tuple[Re
     """
     _check_scene(scene)
     _check_view(view)
-    check_count("n_parts", n_parts)
+    check_count("n_parts", n_parts, most=_MOST_PX)
+    # Other types of numbers would have the kernels compiled anew.
+    view = view._replace(focal_px=float(view.focal_px), cx=float(view.cx), cy=float(view.cy))
     size = (view.height, view.width)
     colour, depth_m = np.empty((*size, 3), np.float32), np.empty(size, np.float64)
     surface, height_m = np.empty(size, np.uint8), np.empty(size, np.float32)
@@ -217,7 +231,13 @@ def with_shadows(scene: Scene) -> Scene:
         return scene._replace(shadows=np.array([0.0, 0.0, *slopes]), bins=_binned(np.zeros((0, 2, 2)), 1, 1))
     origin = touched.min(axis=(0, 1))
     bounds = np.stack((touched.min(axis=1) - origin, touched.max(axis=1) - origin), axis=1) / kernels.SHADOW_CELL_M
-    columns, rows = (int(n) + 1 for n in bounds.max(axis=(0, 1)))
+    columns, rows = (float(n) + 1 for n in bounds.max(axis=(0, 1)))
+    if not columns * rows <= _MOST_CELLS:
+        raise ValueError(
+            f"shadows reach over {columns:.0f} x {rows:.0f} cells of {kernels.SHADOW_CELL_M} m; "
+            "give solids that are nearer to each other, or a sun that is higher"
+        )
+    columns, rows = int(columns), int(rows)
     return scene._replace(shadows=np.array([*origin, *slopes]), bins=_binned(bounds, rows, columns))
 
 
@@ -248,9 +268,13 @@ def with_canopy(scene: Scene, places: NDArray[np.float64], share: float, *, heig
     _check_arrays(scene)
     _check_sun(scene.sun)
     check_array("places", places, np.float64, ("n", 2))
-    check_finite("places", places)
-    if not 0 <= share <= 1:
-        raise ValueError(f"share is {share}; give 0 to 1")
+    check_range("places", places, -_FARTHEST_M, _FARTHEST_M)
+    check_number("share", share)
+    check_number("height_m", height_m, above=0, most=_FARTHEST_M)
+    check_number("sky_share", sky_share)
+    for name, value in (("share", share), ("sky_share", sky_share)):
+        if not 0 <= value <= 1:
+            raise ValueError(f"{name} is {value}; give 0 to 1")
     above = places + height_m * scene.sun[:2] / scene.sun[2]
     level = np.quantile(kernels.crown_densities(scene.noise, above), 1 - share)
     return scene._replace(canopy=np.array([height_m, level, sky_share]))
@@ -267,6 +291,9 @@ def ground_height(waves: NDArray[np.float64], x: float, y: float) -> float:
         Place [m].
     """
     check_array("waves", waves, np.float64, ("n", 4), may_be_empty=True)
+    check_range("waves", waves, -_FARTHEST_M, _FARTHEST_M)
+    check_number("x", x, most=_FARTHEST_M)
+    check_number("y", y, most=_FARTHEST_M)
     return float(np.sum(waves[:, 3] * np.sin(waves[:, 0] * x + waves[:, 1] * y + waves[:, 2])))
 
 
@@ -281,6 +308,8 @@ def path_middle(path: NDArray[np.float64], y: float) -> float:
         Way ahead [m].
     """
     check_array("path", path, np.float64, ("n", 3), may_be_empty=True)
+    check_range("path", path, -_FARTHEST_M, _FARTHEST_M)
+    check_number("y", y, most=_FARTHEST_M)
     return float(np.sum(path[:, 2] * np.sin(path[:, 0] * y + path[:, 1])))
 
 
@@ -294,6 +323,7 @@ def path_heading(path: NDArray[np.float64], y: float) -> float:
     y : float
         Way ahead [m].
     """
+    check_number("y", y, most=_FARTHEST_M / 2)
     return math.atan(path_middle(path, y + 0.5) - path_middle(path, y - 0.5))
 
 
@@ -301,6 +331,7 @@ def _check_scene(scene: Scene) -> None:
     """Raise TypeError or ValueError where an array of a scene does not fit, or an index is out of range."""
     _check_arrays(scene)
     bins = scene.bins
+    check_type("scene.bins", bins, Bins)
     check_count("scene.bins.rows", bins.rows)
     check_count("scene.bins.columns", bins.columns)
     check_array("scene.bins.starts", bins.starts, np.int32, (bins.rows * bins.columns + 1,))
@@ -312,6 +343,7 @@ def _check_scene(scene: Scene) -> None:
 
 def _check_arrays(scene: Scene) -> None:
     """Check the arrays of a scene, and that its solids are of materials that it has."""
+    check_type("scene", scene, Scene)
     check_array("scene.noise", scene.noise, np.float32, (kernels.NOISE_PERIOD, kernels.NOISE_PERIOD))
     check_finite("scene.noise", scene.noise)
     shapes: list[tuple[str, NDArray[np.float64], Shape]] = [
@@ -330,7 +362,7 @@ def _check_arrays(scene: Scene) -> None:
     ]
     for name, array, shape in shapes:
         check_array(f"scene.{name}", array, np.float64, shape, may_be_empty=True)
-        check_finite(f"scene.{name}", array)
+        check_range(f"scene.{name}", array, -_FARTHEST_M, _FARTHEST_M)
     if len(scene.materials) < _N_GROUND_MATERIALS:
         raise ValueError(f"scene has {len(scene.materials)} materials; the ground alone needs {_N_GROUND_MATERIALS}")
     if len(scene.solids):
@@ -348,13 +380,15 @@ def _check_sun(sun: NDArray[np.float64]) -> None:
 
 def _check_view(view: View) -> None:
     """Raise TypeError or ValueError where a camera cannot be."""
+    check_type("view", view, View)
     check_array("view.origin", view.origin, np.float64, (3,))
     check_array("view.rotation", view.rotation, np.float64, (3, 3))
-    check_finite("view", np.array([*view.origin, *view.rotation.ravel(), view.focal_px, view.cx, view.cy]))
-    if view.focal_px <= 0:
-        raise ValueError(f"view.focal_px is {view.focal_px}; give a focal length above 0")
-    check_count("view.width", view.width)
-    check_count("view.height", view.height)
+    check_range("view", np.array([*view.origin, *view.rotation.ravel()]), -_FARTHEST_M, _FARTHEST_M)
+    check_number("view.focal_px", view.focal_px, above=0, most=_FARTHEST_M)
+    check_number("view.cx", view.cx, most=_FARTHEST_M)
+    check_number("view.cy", view.cy, most=_FARTHEST_M)
+    check_count("view.width", view.width, most=_MOST_PX)
+    check_count("view.height", view.height, most=_MOST_PX)
 
 
 def _corners(solids: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lrtrav_ros.frame import Frame
+from lrtrav_ros.numerics.checks import check_count, check_type
 from lrtrav_ros.synthetic import raycasting
 from lrtrav_ros.synthetic.landscape import make_scene
 from lrtrav_ros.synthetic.raycasting import Scene, View
@@ -49,13 +50,15 @@ class SyntheticFrame:
     height_m: NDArray[np.float32]
 
 
-def render_sequence(config: SceneConfig, *, n_threads: int = 2) -> Iterator[SyntheticFrame]:
+def render_sequence(config: SceneConfig, *, first: int = 0, n_threads: int = 2) -> Iterator[SyntheticFrame]:
     """Render the frames of a scene one by one.
 
     Parameters
     ----------
     config : SceneConfig
         The scene.
+    first : int
+        Number of frames at the beginning to leave out.
     n_threads : int
         Threads to render with, at least 1; the images do not depend on it.
 
@@ -78,7 +81,7 @@ def render_sequence(config: SceneConfig, *, n_threads: int = 2) -> Iterator[Synt
         raise ValueError(f"n_threads is {n_threads}; give at least 1")
     scene = make_scene(config)
     with ThreadPoolExecutor(n_threads) as executor:
-        for index in range(config.n_frames):
+        for index in range(first, config.n_frames):
             yield _render(config, scene, index, executor, n_threads)
 
 
@@ -134,7 +137,16 @@ def camera_view(config: SceneConfig, scene: Scene, index: int, *, side: int = 0)
         Number of the frame, from 0.
     side : int
         0 for the left camera, 1 for the right one.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If an argument is not as above.
     """
+    check_type("config", config, SceneConfig)
+    check_type("scene", scene, Scene)
+    check_count("index", index, least=0)
+    check_count("side", side, least=0, most=1)
     y = index * config.speed_m_s / config.rate_hz
     x = raycasting.path_middle(scene.path, y)
     yaw = math.atan2(raycasting.path_middle(scene.path, y + 0.5) - raycasting.path_middle(scene.path, y - 0.5), 1.0)

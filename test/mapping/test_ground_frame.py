@@ -52,8 +52,8 @@ def test_quaternion_is_the_rotation():
 @pytest.mark.parametrize(
     ("rotation", "height_m", "reason"),
     [
-        (np.eye(3), 0.0, "height is 0.0 m"),
-        (np.eye(3), math.nan, "height is nan m"),
+        (np.eye(3), 0.0, "height_m is 0.0"),
+        (np.eye(3), math.nan, "height_m is nan"),
         (2 * np.eye(3), 1.0, "orthonormal"),
         (np.diag([1.0, 1.0, -1.0]), 1.0, "determinant 1"),
         (np.eye(4), 1.0, "rotation"),

@@ -101,3 +101,10 @@ def test_a_ditch_is_where_it_opens() -> None:
     np.testing.assert_allclose(on_ground[:, 2], 0, atol=1e-4)
     assert on_ground[:, 0].min() > 3.99
     assert on_ground[:, 0].max() < 5.01
+
+
+def test_points_that_are_no_numbers_are_none() -> None:
+    disparity = np.array([[1e-45, 1e-38, 1e-3]], np.float32)  # depth of the first two is infinite, or nearly so
+    points = segmentation_points(np.full((1, 3), UNKNOWN, np.uint8), disparity, None, CAMERA)
+    np.testing.assert_array_equal(np.isnan(points).all(axis=2), [[True, True, False]])
+    assert points[0, 2, 2] == pytest.approx(CAMERA.fx * CAMERA.baseline_m / 1e-3)

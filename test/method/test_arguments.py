@@ -457,9 +457,9 @@ def test_numbers_that_are_not_finite_are_refused(name: str, value: float) -> Non
         (np.ones(2, np.float32), np.ones(2), r"remembered\.share is float32 \(2,\); give float64 \(2,\)"),
         (np.ones(2), np.ones(3), r"remembered\.ground is float64 \(3,\); give float64 \(2,\)"),
         (np.ones((2, 1)), np.ones(2), r"remembered\.share is float64 \(2, 1\); give float64 \(2,\)"),
-        (np.array([0, 1.5]), np.ones(2), r"remembered\.share holds values from 0 to 1\.5; give shares, 0 to 1"),
-        (np.ones(2), np.array([-0.5, 1]), r"remembered\.ground holds values from -0\.5 to 1; give shares, 0 to 1"),
-        (np.ones(2), np.array([np.nan, 1]), r"remembered\.ground holds values from nan to nan; give shares, 0 to 1"),
+        (np.array([0, 1.5]), np.ones(2), r"remembered\.share holds values from 0 to 1\.5; give 0 to 1"),
+        (np.ones(2), np.array([-0.5, 1]), r"remembered\.ground holds values from -0\.5 to 1; give 0 to 1"),
+        (np.ones(2), np.array([np.nan, 1]), r"remembered\.ground holds values from nan to nan; give 0 to 1"),
         (np.ones(1), np.ones(1), r"remembered\.share is float64 \(1,\); give float64 \(2,\)"),
     ],
 )

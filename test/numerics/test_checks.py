@@ -16,7 +16,10 @@ from lrtrav_ros.numerics.checks import (
     check_finite,
     check_image,
     check_labels,
+    check_number,
     check_rotation,
+    check_stamp,
+    check_type,
 )
 
 
@@ -98,6 +101,50 @@ def test_counts_pass(count: int) -> None:
 def test_other_counts_are_refused(count: int, error: type[Exception]) -> None:
     with pytest.raises(error, match=f"^n_rows is {count}; give "):
         check_count("n_rows", count)
+
+
+def test_counts_have_bounds() -> None:
+    check_count("halvings", 0, least=0, most=3)
+    with pytest.raises(ValueError, match=r"^halvings is 4; give 0 to 3$"):
+        check_count("halvings", 4, least=0, most=3)
+
+
+@pytest.mark.parametrize("number", [0, -1.5, np.float32(2), np.int64(3), 1e308])
+def test_numbers_pass(number: float) -> None:
+    check_number("share", number)
+
+
+@pytest.mark.parametrize(
+    ("number", "error"),
+    [(np.nan, ValueError), (-np.inf, ValueError), (10**400, ValueError), (True, TypeError), ("1", TypeError)],
+)
+def test_other_numbers_are_refused(number: float, error: type[Exception]) -> None:
+    with pytest.raises(error, match=r"^share is .*; give a (finite )?number$"):
+        check_number("share", number)
+
+
+@pytest.mark.parametrize("number", [0, -2, 101])
+def test_numbers_have_bounds(number: float) -> None:
+    check_number("height_m", 100, above=0, most=100)
+    with pytest.raises(ValueError, match=f"^height_m is {number}; give a finite number above 0, at most 100$"):
+        check_number("height_m", number, above=0, most=100)
+
+
+def test_times_have_64_bits() -> None:
+    check_stamp(-(2**63))
+    with pytest.raises(ValueError, match=r"^stamp_ns is 9223372036854775808; give "):
+        check_stamp(2**63)
+    with pytest.raises(TypeError, match=r"^stamp_ns is 1.0; give a whole number"):
+        check_stamp(1.0)
+
+
+def test_types_are_told() -> None:
+    check_type("line", None, str, may_be_none=True)
+    check_type("line", "x", str)
+    with pytest.raises(TypeError, match=r"^line is of type dict; give str or None$"):
+        check_type("line", {}, str, may_be_none=True)
+    with pytest.raises(TypeError, match=r"^line is of type NoneType; give str$"):
+        check_type("line", None, str)
 
 
 @pytest.mark.parametrize(

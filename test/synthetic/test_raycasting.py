@@ -238,7 +238,7 @@ def test_arrays_of_other_type_or_shape_are_refused(name: str) -> None:
 def test_numbers_that_are_not_finite_are_refused(name: str, value: float) -> None:
     array = getattr(scene(), name).copy()
     array.flat[0] = value
-    with pytest.raises(ValueError, match=f"scene.{name} holds values that are not finite"):
+    with pytest.raises(ValueError, match=f"scene.{name} holds values .*; give "):
         cast(replaced(name, array), view())
 
 
@@ -293,7 +293,7 @@ def test_cameras_that_cannot_be_are_refused(change: dict[str, Any]) -> None:
 
 
 def test_there_is_at_least_one_part() -> None:
-    with pytest.raises(ValueError, match="n_parts is 0; give at least 1"):
+    with pytest.raises(ValueError, match="n_parts is 0; give 1 to"):
         cast(scene(), view(), 0)
 
 

@@ -16,11 +16,13 @@ from lrtrav_ros.evaluation.scoring.frame_evaluation import SeededMethod, Setup
 from lrtrav_ros.evaluation.scoring.methods import MethodDetection
 from lrtrav_ros.evaluation.scoring.obstacles import StandingObstacles
 from lrtrav_ros.evaluation.scoring.score_records import FrameRecord, MethodRecord
+from lrtrav_ros.evaluation.scoring.scores import check_same_size
 from lrtrav_ros.evaluation.scoring.shared_stages import SharedStages
 from lrtrav_ros.evaluation.truth.labelled_sets import LabelledFrame, LabelledItem
 from lrtrav_ros.evaluation.truth.labels import NOT_TRAVERSABLE, apply_unknown_rule
 from lrtrav_ros.evaluation.truth.opening import NamedSet
 from lrtrav_ros.io import pictures
+from lrtrav_ros.numerics.checks import check_array, check_image, check_type
 from lrtrav_ros.offline.parallel import TaskFailure, run_tasks
 
 CALLED_FREE = "obstacle pixels called free"
@@ -234,7 +236,16 @@ def called_free_picture(
     -------
     (h, w, 3) ndarray of uint8
         BGR.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If an argument is not as above, or two images differ in size.
     """
+    check_image("image", image)
+    check_same_size(truth, mask=mask)
+    check_array("ground truth", truth, np.uint8, image.shape[:2])
+    check_type("obstacles", obstacles, StandingObstacles)
     called_free = ((mask > 127) & (truth == NOT_TRAVERSABLE)).astype(np.float32)
     picture = _at_most_as_wide_as_shown(pictures.colour_image(image)) // 2
     scale = picture.shape[1] / image.shape[1]

@@ -8,6 +8,8 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from lrtrav_ros.numerics.checks import check_array
+
 
 def mean_flicker(masks: Iterable[NDArray[np.uint8] | None]) -> float | None:
     """Return the mean share of the pixels that differ between neighbouring masks.
@@ -23,10 +25,22 @@ def mean_flicker(masks: Iterable[NDArray[np.uint8] | None]) -> float | None:
     -------
     float or None
         None where no two neighbours are there and of one size.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If a mask is not as above.
     """
     shares = [
         np.count_nonzero(before != after) / after.size
-        for before, after in pairwise(masks)
+        for before, after in pairwise(map(_checked, masks))
         if before is not None and after is not None and before.shape == after.shape
     ]
     return float(np.mean(shares)) if shares else None
+
+
+def _checked(mask: NDArray[np.uint8] | None) -> NDArray[np.uint8] | None:
+    """Return a mask, or None for one that is missing; raises TypeError or ValueError where it is something else."""
+    if mask is not None:
+        check_array("mask", mask, np.uint8, ("H", "W"))
+    return mask

@@ -6,13 +6,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lrtrav_ros.camera import StereoCamera
+from lrtrav_ros.evaluation.scoring.scores import check_same_size
 from lrtrav_ros.evaluation.truth.labels import TRAVERSABLE
 from lrtrav_ros.method.ground import GroundLine
+from lrtrav_ros.numerics.checks import check_array, check_count, check_type
 
 MAX_REACH_M = 100.0
 """A mask that reaches farther counts as reaching this far: a row at the horizon is a kilometre long."""
 
 _SMOOTHING_ROWS = 5
+_MOST_PX = 2**15  # rows or columns of an image
 _MIN_RECALL = 0.5
 
 
@@ -35,7 +38,14 @@ class GroundDistances:
     """
 
     def __init__(self, line: GroundLine, camera: StereoCamera, shape: tuple[int, ...]) -> None:
+        check_type("line", line, GroundLine)
+        check_type("camera", camera, StereoCamera)
+        check_type("shape", shape, tuple)
+        if len(shape) < 2:
+            raise ValueError(f"shape is {shape}; give height and width")
         height, width = shape[:2]
+        check_count("height", height, most=_MOST_PX)
+        check_count("width", width, most=_MOST_PX)
         # A pixel's ground is about as far away as that at the principal column in the row with the same disparity.
         rows = np.arange(height)[:, None] + line.tilt / line.slope * (np.arange(width) - camera.cx)
         self.distance_m = line.distance_m(rows, camera)
@@ -64,7 +74,14 @@ class GroundDistances:
         -------
         float
             The distance of the farthest of these rows, at most `MAX_REACH_M`; 0 where there is none.
+
+        Raises
+        ------
+        TypeError, ValueError
+            If an image is not as above, or not of the size that the distances are for.
         """
+        check_same_size(truth, mask=mask)
+        check_array("ground truth", truth, np.uint8, self.distance_m.shape)
         traversable = truth == TRAVERSABLE
         n_traversable = self._per_row(traversable)
         n_hits = self._per_row(traversable & (mask > 127))

@@ -11,9 +11,11 @@ from numpy.typing import NDArray
 
 from lrtrav_ros.method.ground import GROUND, OBSTACLE
 from lrtrav_ros.numerics.blas import one_blas_thread
+from lrtrav_ros.numerics.checks import check_array, check_labels
 
 _INVERSE_REGULARISATION = 100.0
 _MAX_ITERATIONS = 1000
+_MOST = 1.001  # in a bin of a histogram with sum 1, rounding included
 
 
 def classify_superpixels(
@@ -37,8 +39,20 @@ def classify_superpixels(
     Returns
     -------
     (n,) ndarray of bool
+
+    Raises
+    ------
+    TypeError, ValueError
+        If an array is not as above, or the two images differ in size.
     """
+    check_array("histograms", histograms, np.float32, ("n", "bins"))
+    low, high = float(histograms.min()), float(histograms.max())
+    if not 0 <= low <= high <= _MOST:
+        raise ValueError(f"histograms hold values from {low:g} to {high:g}; give rows with sum 1")
     n = len(histograms)
+    check_array("superpixels", superpixels, np.int32, ("H", "W"))
+    check_array("occupancy", occupancy, np.uint8, superpixels.shape)
+    check_labels("superpixels", superpixels, n)
     ground = np.bincount(superpixels[occupancy == GROUND], minlength=n)
     judged = ground + np.bincount(superpixels[occupancy == OBSTACLE], minlength=n)
     examples = judged > 0

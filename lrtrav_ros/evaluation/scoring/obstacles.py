@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from lrtrav_ros.evaluation.scoring.scores import DISTANCE_BANDS, sum_each
 from lrtrav_ros.evaluation.truth.labels import NOT_TRAVERSABLE
+from lrtrav_ros.numerics.checks import check_array, check_finite
 
 HEIGHT_BANDS: tuple[tuple[float, float], ...] = ((0, 0.2), (0.2, 0.5), (0.5, 1), (1, math.inf))
 """Least (inclusive) and greatest (exclusive) height of the obstacles in each band, in metres."""
@@ -85,6 +86,11 @@ class StandingObstacles:
     ----------
     n : int
         Number of obstacles.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If an array is not as above, or two differ in size.
     """
 
     def __init__(
@@ -94,6 +100,12 @@ class StandingObstacles:
         distance_m: NDArray[np.float64] | None = None,
         height_m: NDArray[np.float32] | None = None,
     ) -> None:
+        check_array("ground truth", truth, np.uint8, ("H", "W"))
+        if distance_m is not None:
+            check_array("distance_m", distance_m, np.float64, truth.shape)
+        if height_m is not None:
+            check_array("height_m", height_m, np.float32, truth.shape)
+            check_finite("height_m", height_m)
         self._shape = truth.shape
         self._pixels, self._labels = _label(truth)
         self._areas = np.bincount(self._labels)
@@ -127,6 +139,7 @@ class StandingObstacles:
         ValueError
             If the mask has another size than the truth.
         """
+        check_array("mask", mask, np.uint8, ("H", "W"))
         if mask.shape != self._shape:
             raise ValueError(f"mask is {mask.shape}, ground truth {self._shape}; give images of one size")
         free = np.bincount(self._labels[mask.ravel()[self._pixels] > 127], minlength=self.n)

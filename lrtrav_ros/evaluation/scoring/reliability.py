@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from lrtrav_ros.evaluation.scoring.scores import check_same_size
 from lrtrav_ros.evaluation.truth.labels import IGNORED, TRAVERSABLE
 
 CONFIDENCE_BINS: tuple[tuple[float, float], ...] = tuple((i / 20, (i + 1) / 20) for i in range(10, 20))
@@ -64,13 +65,10 @@ def count_confidence(
 
     Raises
     ------
-    ValueError
-        If they differ in size.
+    TypeError, ValueError
+        If an image is not as above, or they differ in size.
     """
-    if not confidence.shape == mask.shape == truth.shape:
-        raise ValueError(
-            f"confidence is {confidence.shape}, mask {mask.shape}, ground truth {truth.shape}; give images of one size"
-        )
+    check_same_size(truth, confidence=confidence, mask=mask)
     right = (mask > 127) == (truth == TRAVERSABLE)
     counted = (truth != IGNORED) & (confidence > 0)
     levels = np.arange(_LEVELS + 1)

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lrtrav_ros.evaluation.truth.labels import IGNORED, TRAVERSABLE
+from lrtrav_ros.numerics.checks import check_array
 
 DISTANCE_BANDS: tuple[tuple[float, float], ...] = ((0, 5), (5, 10), (10, 20), (20, 40), (40, math.inf))
 """Nearest (inclusive) and farthest (exclusive) distance on the ground of each band, in metres."""
@@ -87,6 +88,15 @@ class Counts:
         )
 
 
+def check_same_size(truth: NDArray[np.uint8], **images: NDArray[np.uint8]) -> None:
+    """Check the truth, (H, W) ndarray of uint8, and other such images of its size, by their names."""
+    check_array("ground truth", truth, np.uint8, ("H", "W"))
+    for name, image in images.items():
+        check_array(name, image, np.uint8, ("H", "W"))
+        if image.shape != truth.shape:
+            raise ValueError(f"{name} is {image.shape}, ground truth {truth.shape}; give images of one size")
+
+
 def count(mask: NDArray[np.uint8], truth: NDArray[np.uint8], where: NDArray[np.bool_] | None = None) -> Counts:
     """Count the pixels of a mask that the truth does not ignore.
 
@@ -101,11 +111,12 @@ def count(mask: NDArray[np.uint8], truth: NDArray[np.uint8], where: NDArray[np.b
 
     Raises
     ------
-    ValueError
-        If mask and truth differ in size.
+    TypeError, ValueError
+        If an array is not as above, or two differ in size.
     """
-    if mask.shape != truth.shape:
-        raise ValueError(f"mask is {mask.shape}, ground truth {truth.shape}; give images of one size")
+    check_same_size(truth, mask=mask)
+    if where is not None:
+        check_array("where", where, np.bool_, truth.shape)
     counted = truth != IGNORED if where is None else (truth != IGNORED) & where
     found, traversable = mask[counted] > 127, truth[counted] == TRAVERSABLE
     return Counts(
@@ -130,9 +141,11 @@ def count_bands(
 
     Raises
     ------
-    ValueError
-        If mask and truth differ in size.
+    TypeError, ValueError
+        If an array is not as above, or two differ in size.
     """
+    check_same_size(truth, mask=mask)
+    check_array("distance_m", distance_m, np.float64, truth.shape)
     return tuple(count(mask, truth, (near <= distance_m) & (distance_m < far)) for near, far in DISTANCE_BANDS)
 
 
@@ -148,8 +161,8 @@ def score(mask: NDArray[np.uint8], truth: NDArray[np.uint8]) -> Scores:
 
     Raises
     ------
-    ValueError
-        If the two differ in size.
+    TypeError, ValueError
+        If an image is not as above, or the two differ in size.
     """
     return count(mask, truth).scores
 

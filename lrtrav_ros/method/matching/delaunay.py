@@ -44,7 +44,7 @@ def delaunay(points: NDArray[np.float64]) -> NDArray[np.int32]:
     """
     check_array("points", points, np.float64, ("n", 2), may_be_empty=True)
     check_finite("points", points)
-    points = np.ascontiguousarray(points)
+    points = np.require(points, requirements=("C", "W"))  # kernels would be compiled anew for read-only arrays
     if len(points) < 3:
         return np.empty((0, 3), np.int32)
     seed = kernels.first_triangle(points)

@@ -7,13 +7,14 @@ from numpy.typing import NDArray
 
 from lrtrav_ros.config import ElasConfig
 from lrtrav_ros.method.matching import _refinement_kernels as kernels
-from lrtrav_ros.numerics.checks import check_array
+from lrtrav_ros.numerics.checks import check_array, check_count, check_type
 from lrtrav_ros.numerics.thread_team import ALONE, ThreadTeam
 
 # The paper does not state these; they were chosen to agree with published results.
 _GAP_JUMP_PX = 3.0  # a gap whose ends differ by so much takes the farther one
 _MEAN_WIDTH_PX = np.float32(4.0)  # disparities that differ by so much have no part in the mean
 _LEAST_ROWS = 16
+_MOST_HALVINGS = 15  # nothing is left of any image
 _MARGIN = kernels.MEAN_RADIUS_PX
 
 
@@ -44,6 +45,8 @@ def refine(
         If `found` has another type or shape.
     """
     check_array("found", found, np.int16, ("H", "W"))
+    check_type("elas", elas, ElasConfig)
+    check_count("halvings", halvings, least=0, most=_MOST_HALVINGS)
     height, width = found.shape
     runs, first_runs = np.empty((found.size, 4), np.int32), np.empty(height + 1, np.int32)
     kernels.find_runs(found, int(elas.speckle_similarity_px), runs, first_runs)

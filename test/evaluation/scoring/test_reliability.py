@@ -66,5 +66,5 @@ def test_confidence_that_is_drawn_is_found_to_be_calibrated():
 
 
 def test_other_sizes_are_refused():
-    with pytest.raises(ValueError, match=r"confidence is \(2, 3\), mask \(2, 3\), ground truth \(3, 2\)"):
+    with pytest.raises(ValueError, match=r"confidence is \(2, 3\), ground truth \(3, 2\); give images of one size"):
         count_confidence(np.zeros((2, 3), np.uint8), np.zeros((2, 3), np.uint8), np.zeros((3, 2), np.uint8))
