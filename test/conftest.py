@@ -1,9 +1,13 @@
-"""The environment of ROS for the tests, set before anything of ROS is imported, and the fixtures of the node tests."""
+"""The environment of ROS for the tests, set before anything of ROS is imported, and the fixtures of the node tests.
+
+Hypothesis has the profile ``ci`` here, the same few examples in every run; ``make fuzz`` takes ``fuzz``.
+"""
 
 import importlib
 import os
 import tempfile
 import warnings
+from pathlib import Path
 
 from lrtrav_ros.nodes import shared_memory  # imports nothing of ROS
 
@@ -14,9 +18,20 @@ os.environ["ROS_PYTHON_CHECK_FIELDS"] = "1"
 shared_memory.use_segment(shared_memory.IMAGES_PROFILE)
 _LOGS = tempfile.TemporaryDirectory(prefix="lrtrav_ros_log_")
 os.environ["ROS_LOG_DIR"] = _LOGS.name
+os.environ.setdefault("HYPOTHESIS_STORAGE_DIRECTORY", str(Path(__file__).parents[1] / ".cache/hypothesis"))
 
 import cluster  # noqa: E402
 import pytest  # noqa: E402
+from hypothesis import HealthCheck, Phase, settings  # noqa: E402
+
+_ANY = settings(
+    deadline=None,  # how fast a computer is tells nothing
+    suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large],
+    phases=[phase for phase in Phase if phase is not Phase.explain],
+)
+settings.register_profile("ci", _ANY, derandomize=True, database=None, max_examples=10)
+settings.register_profile("fuzz", _ANY, max_examples=50)
+settings.load_profile("fuzz" if "FUZZ_MINUTES" in os.environ else "ci")
 
 
 @pytest.fixture(scope="session")
