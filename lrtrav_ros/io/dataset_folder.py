@@ -29,9 +29,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lrtrav_ros.camera import StereoCamera
+from lrtrav_ros.config import MAX_PIXELS
 from lrtrav_ros.frame import SOURCES, Frame
 from lrtrav_ros.io.atomic_files import write_bytes
-from lrtrav_ros.io.image_files import DISPARITY_SCALE, read_disparity, read_image, write_disparity, write_image
+from lrtrav_ros.io.image_files import DISPARITY_SCALE, encode_file, read_disparity, read_image, scaled_disparity
+from lrtrav_ros.io.input_files import read_text
+from lrtrav_ros.numerics.checks import check_array, check_type
 from lrtrav_ros.rectification import Lens, RawPair, raw_pair, rectification
 
 _CALIBRATION = ("fx", "fy", "cx", "cy", "baseline_m", "width", "height")
@@ -55,16 +58,19 @@ class FrameFile:
         As `DatasetFolder` takes them.
     opened_ns : int
         When the folder was opened. It is listed once for all the frames of one opening.
+    max_pixels : int
+        Most pixels that an image of it may have.
     """
 
     folder: Path
     source: str
     name: str
     opened_ns: int
+    max_pixels: int
 
     def read(self) -> Frame:
         """Read the frame; raises what `DatasetFolder.frame` does."""
-        return _opened_folder(self.folder, self.source, self.opened_ns).frame(self.name)
+        return _opened_folder(self.folder, self.source, self.opened_ns, self.max_pixels).frame(self.name)
 
 
 class DatasetFolder:
@@ -77,6 +83,8 @@ class DatasetFolder:
     source : str
         Preferred input of the frames: ``stereo``, ``disparity`` or ``depth``. Where the folder does not hold it, the
         first of these that it does.
+    max_pixels : int
+        Frames whose images have more pixels cannot be used.
 
     Attributes
     ----------
@@ -91,8 +99,9 @@ class DatasetFolder:
         If it is no folder, has no left images, no input or no calibration, or two left images of one name.
     """
 
-    def __init__(self, path: str | os.PathLike[str], *, source: str = "stereo") -> None:
+    def __init__(self, path: str | os.PathLike[str], *, source: str = "stereo", max_pixels: int = MAX_PIXELS) -> None:
         self.path = Path(path)
+        self._max_pixels = max_pixels
         self._opened_ns = time.time_ns()
         self.problems: list[str] = []
         if source not in SOURCES:
@@ -134,18 +143,18 @@ class DatasetFolder:
         ValueError
             If a file of it cannot be used; the message names file and remedy.
         """
-        left = read_image(_file(self._left, name, self.path / "left"))
+        left = read_image(_file(self._left, name, self.path / "left"), max_pixels=self._max_pixels)
         calibration = _read_calibration(self._calibration_path(name))
         if calibration.raw is not None and self.source != "stereo":
             raise ValueError(f"{self._calibration_path(name)}: is for raw pairs, not for {self.source}; add right/")
         path = _file(self._input, name, self.path / _FOLDERS[self.source])
         right = disparity = depth_m = unseen = None
         if self.source == "stereo":
-            right = read_image(path)
+            right = read_image(path, max_pixels=self._max_pixels)
         elif self.source == "disparity":
-            disparity = read_disparity(path)
+            disparity = read_disparity(path, max_pixels=self._max_pixels)
         else:
-            depth_m = read_disparity(path, scale=calibration.depth_scale)
+            depth_m = read_disparity(path, scale=calibration.depth_scale, max_pixels=self._max_pixels)
         try:
             if calibration.raw is not None and right is not None:
                 pair = rectification(calibration.raw)
@@ -180,7 +189,7 @@ class DatasetFolder:
 
     def frame_file(self, name: str) -> FrameFile:
         """Return one frame without reading it."""
-        return FrameFile(self.path.absolute(), self.source, name, self._opened_ns)
+        return FrameFile(self.path.absolute(), self.source, name, self._opened_ns, self._max_pixels)
 
     def _calibration_path(self, name: str) -> Path:
         own = self.path / "calib" / f"{name}.json"
@@ -188,8 +197,8 @@ class DatasetFolder:
 
 
 @lru_cache(maxsize=4)
-def _opened_folder(folder: Path, source: str, opened_ns: int) -> DatasetFolder:
-    return DatasetFolder(folder, source=source)
+def _opened_folder(folder: Path, source: str, opened_ns: int, max_pixels: int) -> DatasetFolder:
+    return DatasetFolder(folder, source=source, max_pixels=max_pixels)
 
 
 def write_frame(
@@ -200,15 +209,25 @@ def write_frame(
     disparity: NDArray[np.float32] | None = None,
     height_m: NDArray[np.float32] | None = None,
 ) -> None:
-    """Write the images of a frame into a dataset folder, as PNG.
+    """Write the images of a frame into a dataset folder, which is made where it is missing; see `frame_files`."""
+    for path, data in frame_files(frame, truth=truth, disparity=disparity, height_m=height_m).items():
+        write_bytes(Path(folder) / path, data)
+
+
+def frame_files(
+    frame: Frame,
+    *,
+    truth: NDArray[np.uint8] | None = None,
+    disparity: NDArray[np.float32] | None = None,
+    height_m: NDArray[np.float32] | None = None,
+) -> dict[str, bytes]:
+    """Return the images of a frame as PNG, by their paths in a dataset folder.
 
     Disparity and depth are rounded to 1/256 pixel and metre; `write_calibration` says so to readers. Heights are
     rounded to millimetres.
 
     Parameters
     ----------
-    folder : path
-        Missing folders are made.
     frame : Frame
         All that it holds is written.
     truth : (H, W) ndarray of uint8, optional
@@ -218,17 +237,23 @@ def write_frame(
     height_m : (H, W) ndarray of float32, optional
         Known height over the ground in metres, at least 0; what exceeds 65.535 m is written as that.
     """
-    folder, file = Path(folder), f"{frame.name}.png"
-    disparity = frame.disparity if disparity is None else disparity
-    for name, image in (("left", frame.left), ("right", frame.right), ("gt", truth)):
-        if image is not None:
-            write_image(folder / name / file, image)
-    for name, values in (("disparity", disparity), ("depth", frame.depth_m)):
-        if values is not None:
-            write_disparity(folder / name / file, values)
+    check_type("frame", frame, Frame)
+    if truth is not None:
+        check_array("truth", truth, np.uint8, ("H", "W"))
     if height_m is not None:
-        millimetres = np.clip(np.rint(height_m * MILLIMETRES), 0, 65535).astype(np.uint16)
-        write_image(folder / "height" / file, millimetres)
+        check_array("height_m", height_m, (np.float32, np.float64), ("H", "W"))
+        height_m = np.nan_to_num(height_m)
+    disparity = frame.disparity if disparity is None else disparity
+    images = {
+        "left": frame.left,
+        "right": frame.right,
+        "gt": truth,
+        "disparity": None if disparity is None else scaled_disparity(disparity),
+        "depth": None if frame.depth_m is None else scaled_disparity(frame.depth_m),
+        "height": None if height_m is None else np.rint(np.clip(height_m, 0, 65.535) * MILLIMETRES).astype(np.uint16),
+    }
+    paths = {f"{name}/{frame.name}.png": image for name, image in images.items() if image is not None}
+    return {path: encode_file(path, image) for path, image in paths.items()}
 
 
 def write_calibration(folder: str | os.PathLike[str], camera: StereoCamera, width: int, height: int) -> None:
@@ -261,9 +286,11 @@ class _Calibration:
 def _read_calibration(path: Path) -> _Calibration:
     """Return the checked calibration."""
     try:
-        values = json.loads(path.read_text(encoding="utf-8"))
+        text = read_text(path)
     except FileNotFoundError:
         raise FileNotFoundError(f"{path}: there is no such calibration") from None
+    try:
+        values = json.loads(text, parse_int=_number)
     except (ValueError, RecursionError) as err:
         raise ValueError(f"{path}: cannot be read as JSON ({err})") from err
     if not isinstance(values, Mapping):
@@ -272,6 +299,11 @@ def _read_calibration(path: Path) -> _Calibration:
         return _calibration(values)
     except ValueError as err:
         raise ValueError(f"{path}: {err}") from err
+
+
+def _number(text: str) -> float:
+    """Return a whole number; one that no float holds exactly as a float, which may be infinite."""
+    return int(text) if len(text) < 16 else float(text)
 
 
 def _calibration(values: Mapping[str, Any]) -> _Calibration:

@@ -11,7 +11,6 @@ import os
 import re
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any, TypeAlias
 
 import yaml
@@ -26,6 +25,7 @@ from lrtrav_ros.config import (
     is_general,
     parameters,
 )
+from lrtrav_ros.io.input_files import read_text
 
 # The stages that a node decides offline: where both nodes have one, the short range does the work.
 _STAGES = {
@@ -33,7 +33,12 @@ _STAGES = {
     "long_range": frozenset(LONG_RANGE_STAGES) - frozenset(SHORT_RANGE_STAGES),
 }
 _PARAMETERS = "ros__parameters"
+# A file with all parameters has 4 KB and is no deeper than 3.
+_MAX_BYTES = 1 << 17
+_MAX_BRACKETS = 32
+_MAX_DIGITS = 64
 
+_TOO_DEEP = "is nested too deeply for parameters"
 _SECTION = r"/?(\w+|\*\*?)(/(\w+|\*\*?))*"
 
 _Pairs: TypeAlias = tuple[tuple[Any, Any], ...]
@@ -96,9 +101,10 @@ def read_parameter_file(path: str | os.PathLike[str]) -> ParameterFile:
         If it is no ROS parameter file, a parameter is unknown or its value does not fit, or nodes of one name in
         several namespaces would get different parameters; the message names the file.
     """
+    text = read_text(path, max_bytes=_MAX_BYTES)
     try:
-        return _parameters_for_us(_sections(Path(path).read_text(encoding="utf-8")))
-    except (yaml.YAMLError, UnicodeDecodeError) as err:
+        return _parameters_for_us(_sections(text))
+    except yaml.YAMLError as err:
         raise ValueError(f"{path} is not YAML: {' '.join(str(err).split())}") from err
     except ValueError as err:
         raise ValueError(f"{path}: {err}") from err
@@ -201,10 +207,28 @@ def _tokens(section: str) -> list[str]:
 
 
 class _Loader(yaml.SafeLoader):
-    """Reads numbers such as 1e-3 as rcl does, and maps as pairs: a file may name a section more than once."""
+    """Reads numbers such as 1e-3 as rcl does, and maps as pairs: a file may name a section more than once.
+
+    As rcl does, it refuses aliases, of which some lines make gigabytes.
+    """
+
+    def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
+        """Return the next node; raises ValueError."""
+        if self.check_event(yaml.AliasEvent):
+            raise ValueError("has an alias, such as *a, which ROS 2 does not read; write its value out")
+        if self.flow_level > _MAX_BRACKETS:
+            raise ValueError(_TOO_DEEP)
+        return super().compose_node(parent, index)
+
+    def construct_yaml_int(self, node: yaml.ScalarNode) -> int:
+        """Return a whole number; raises ValueError."""
+        if len(node.value) > _MAX_DIGITS:
+            raise ValueError(f"has a number of {len(node.value)} digits")
+        return super().construct_yaml_int(node)
 
 
 _Loader.add_constructor("tag:yaml.org,2002:map", lambda loader, node: tuple(loader.construct_pairs(node, deep=True)))
+_Loader.add_constructor("tag:yaml.org,2002:int", _Loader.construct_yaml_int)
 _Loader.add_implicit_resolver(
     "tag:yaml.org,2002:float", re.compile(r"[-+]?(\d+\.?\d*|\.\d+)[eE][-+]?\d+$"), list("-+.0123456789")
 )
@@ -212,7 +236,12 @@ _Loader.add_implicit_resolver(
 
 def _sections(text: str) -> _Sections:
     """Return the sections of a file; a section that occurs again is merged into its first occurrence."""
-    document = yaml.load(text, Loader=_Loader)
+    try:
+        document = yaml.load(text, Loader=_Loader)
+    except RecursionError as err:
+        raise ValueError(_TOO_DEEP) from err
+    except (LookupError, TypeError, AttributeError, OverflowError) as err:  # PyYAML, of tags that do not fit
+        raise ValueError(f"has a tag that does not fit its value ({err!r})") from err
     sections: dict[str, dict[str, object]] = {}
     for section, parameters_of_it in _found_sections(document, "") if isinstance(document, tuple) else ():
         sections.setdefault(section, {}).update(_flattened(parameters_of_it, ""))

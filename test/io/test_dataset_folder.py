@@ -1,14 +1,16 @@
 """Tests of dataset folders: what is written is read, and what is wrong is named."""
 
 import json
+import re
 
 import numpy as np
 import pytest
+from damaged_files import refusal, variants
 from raw_cameras import ROTATION, TRANSLATION_M, pair, texture
 
 from lrtrav_ros.camera import StereoCamera
 from lrtrav_ros.frame import Frame
-from lrtrav_ros.io.dataset_folder import DatasetFolder, write_calibration, write_frame
+from lrtrav_ros.io.dataset_folder import DatasetFolder, read_camera, write_calibration, write_frame
 from lrtrav_ros.io.image_files import write_image
 from lrtrav_ros.rectification import Rectification
 
@@ -162,6 +164,8 @@ def test_sizes_must_agree(folder):
         ({"width": 37.5}, "width is 37.5; give a whole number of pixels"),
         ({"height": -1}, "height is -1; give a whole number of pixels"),
         ({"depth_scale": 0}, "depth_scale is 0; give a positive number"),
+        ({"fx": 10**400}, "fx is inf; give a finite number"),
+        ({"depth_scale": 10**400}, "depth_scale is inf; give a positive number"),
     ],
 )
 def test_calibrations_that_cannot_be_are_refused(folder, values, message):
@@ -184,6 +188,13 @@ def test_a_calibration_that_is_no_json_is_refused(folder, text, message):
     (folder / "calib.json").write_text(text)
     with pytest.raises(ValueError, match=rf"calib\.json: .*{message}"):
         DatasetFolder(folder).frame("a")
+
+
+def test_damaged_calibrations_are_refused_by_name_or_read_as_what_they_say(folder):
+    path = folder / "calib.json"
+    for damaged in variants(path.read_bytes(), n_flips=40, step=8):
+        path.write_bytes(damaged)
+        assert re.match(f"{path}: |$", refusal(read_camera, path))
 
 
 def test_a_missing_calibration_is_named(folder):
@@ -250,7 +261,7 @@ def test_raw_pairs_are_rectified(raw_folder):
         ({"rotation": None}, "rotation is missing"),
         ({"rotation": [1, 0, 0, 0, 1, 0, 0, 0, 1]}, r"rotation is \[1, .*give 3 rows of 3 numbers"),
         ({"rotation": [[1, 0, 0], [0, 1, 0], [0, 0, 2]]}, "give a rotation matrix"),
-        ({"translation_m": 0.1}, "translation_m 0.1; give"),
+        ({"translation_m": 0.1}, "translation_m is 0.1; give"),
         ({"translation_m": [0.1, 0, 0]}, "the right camera is not to the right of the left one"),
         ({"left": [1, 2]}, r"left is \[1, 2\]; give an object with fx, fy"),
         ({"left": {"fx": 1.0}}, "left: fy is missing"),

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from damaged_files import refusal, variants
 
 from lrtrav_ros.config import PRESETS, Config
 from lrtrav_ros.io.parameter_file import ParameterFile, dump_parameters, read_parameter_file
@@ -209,8 +211,46 @@ def test_bad_files_are_refused_by_name(read: Read, text: str, message: str) -> N
 def test_a_file_that_is_no_text_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "params.yaml"
     path.write_bytes(b"/**: \xff")
-    with pytest.raises(ValueError, match=r"params\.yaml is not YAML"):
+    with pytest.raises(ValueError, match=r"params\.yaml: is no text in UTF-8 \(invalid start byte at byte 5\)"):
         read_parameter_file(path)
+
+
+@pytest.mark.parametrize(
+    ("value", "message"),
+    [
+        ("[*a, *a]", r"has an alias, such as \*a"),
+        ("{b: *a, c: *a}", r"has an alias, such as \*a"),
+        ("9" * 400, "has a number of 400 digits"),
+        ("9" * 60, "source.max_depth_m is a number of more than 64 bits; give 0 to 1000 m"),
+        ("1e400", "source.max_depth_m is inf; give 0 to 1000 m"),
+        ("1" + ":59" * 40000, "has a number of 120001 digits"),
+        ("[" * 10000, "is nested too deeply"),
+        ("{a: " * 10000, "is nested too deeply"),
+        ("- " * 20000, "is nested too deeply|is not YAML"),
+        ("!!int ''", "has a tag that does not fit its value"),
+        ("!!bool maybe", "has a tag that does not fit its value"),
+        ("!!timestamp now", "has a tag that does not fit its value"),
+        ("!!python/object/apply:os.getpid []", "is not YAML: could not determine a constructor"),
+        ("2001-99-99", "month must be in 1..12"),
+        ("\0", "is not YAML: unacceptable character"),
+        ("1 #" + "x" * (1 << 17), "has 131124 bytes; give a file of at most 131072"),
+    ],
+    ids=lambda value: value[:12],
+)
+def test_values_that_take_yaml_long_or_break_it_are_refused(read: Read, value: str, message: str) -> None:
+    with pytest.raises(ValueError, match=f"params.yaml.*({message})"):
+        read(f"/**:\n  ros__parameters:\n    source.max_depth_m: {value}\n")
+
+
+def test_a_byte_order_mark_is_passed_over(read: Read) -> None:
+    assert read("\ufeff/**: {ros__parameters: {threads: 3}}").values == {"threads": 3}
+
+
+@pytest.mark.parametrize("damaged", [*variants(dump_parameters(Config()).encode(), n_flips=10, step=512)])
+def test_damaged_files_are_refused_by_name_or_read_as_what_they_say(tmp_path: Path, damaged: bytes) -> None:
+    path = tmp_path / "params.yaml"
+    path.write_bytes(damaged)
+    assert re.match(f"{path}: |{path} is not YAML: |$", refusal(read_parameter_file, path))
 
 
 def test_missing_file(tmp_path: Path) -> None:

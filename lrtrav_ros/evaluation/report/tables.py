@@ -20,6 +20,7 @@ from lrtrav_ros.evaluation.scoring.score_records import (
     TableRow,
 )
 from lrtrav_ros.evaluation.scoring.scores import DISTANCE_BANDS, Counts, Scores
+from lrtrav_ros.io.csv_cells import cells
 
 SCORE_TITLES = {
     "precision": "precision",
@@ -54,7 +55,8 @@ def scores_csv(records: Iterable[FrameRecord], methods: Sequence[str]) -> str:
 
     A row of a frame that could not be used says why in ``problem``. Empty cells: scores of such a frame, spreads of a
     method with one result, distances without a ground line, scores in a band without pixels, obstacles by height where
-    heights are not known.
+    heights are not known. Names and problems that a spreadsheet would take for formulas have an apostrophe before them,
+    see `csv_cells.cell_text`; here and in `times_csv`.
 
     Parameters
     ----------
@@ -154,7 +156,7 @@ def _csv(columns: Sequence[str], rows: Iterable[dict[str, str]]) -> str:
     text = io.StringIO()
     table = csv.DictWriter(text, columns, restval="", lineterminator="\n")
     table.writeheader()
-    table.writerows(rows)
+    table.writerows(map(cells, rows))
     return text.getvalue()
 
 

@@ -18,6 +18,7 @@ from lrtrav_ros.detector import StageTimes
 from lrtrav_ros.evaluation.scoring.obstacles import ObstacleScores
 from lrtrav_ros.evaluation.scoring.reliability import ConfidenceBin
 from lrtrav_ros.evaluation.scoring.scores import Counts, Scores
+from lrtrav_ros.io.csv_cells import printable
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
@@ -248,7 +249,8 @@ def to_json(record: DataclassInstance) -> str:
     record : dataclass instance
         Of numbers, texts, tuples, dicts by text, and such dataclasses.
     """
-    return json.dumps(dataclasses.asdict(record), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+    text = json.dumps(dataclasses.asdict(record), indent=1, ensure_ascii=False, allow_nan=False)
+    return f"{printable(text)}\n"  # what that escapes is read as it was: JSON has the same escapes
 
 
 def from_json(kind: type[Record], text: str) -> Record:

@@ -16,7 +16,7 @@ from lrtrav_ros.frame import Frame
 from lrtrav_ros.io.bag_frames import UnusableFrame
 from lrtrav_ros.io.dataset_folder import MILLIMETRES, DatasetFolder, FrameFile
 from lrtrav_ros.io.image_files import read_disparity, read_image
-from lrtrav_ros.io.recording import open_recording
+from lrtrav_ros.io.recording import is_damaged, open_recording
 
 _FOLDERS = ("left", "right", "disparity", "depth", "calib", "gt", "height")
 
@@ -32,8 +32,8 @@ class LabelledFolder:
         The folder.
     labels : Labels
         Values of the truth.
-    source : str
-        Which input frames carry where the folder holds several; see `DatasetFolder`.
+    source : SourceConfig
+        Which input frames carry where the folder holds several, and how large images may be; see `DatasetFolder`.
 
     Raises
     ------
@@ -43,9 +43,9 @@ class LabelledFolder:
 
     unknown_rule = "ignore"
 
-    def __init__(self, path: Path, *, labels: Labels, source: str) -> None:
+    def __init__(self, path: Path, *, labels: Labels, source: SourceConfig) -> None:
         self.path = path
-        self._dataset = DatasetFolder(path, source=source)
+        self._dataset = DatasetFolder(path, source=source.source, max_pixels=source.max_pixels)
         self._labels = labels
         self.names = sorted(file.stem for file in (path / "gt").glob("*.png"))
         self.n_without_truth = len(set(self._dataset.names) - set(self.names))
@@ -107,12 +107,20 @@ class LabelledBag:
 
     def __init__(self, path: Path, *, truth: Path, labels: Labels, source: SourceConfig) -> None:
         self.path = path
+        self._problems: list[str] | None = None  # None until the bag has been read to its end
         self._truth = {file.stem: file for file in truth.glob("*.png")}
         self.names = sorted(self._truth)
         if not self.names:
             raise ValueError(f"{truth}: holds no ground truth for {path}; put NAME.png there, named by header stamps")
         self._labels = labels
         self._source = source
+
+    def problems(self) -> list[str]:
+        """Return what of the bag is damaged or lost; reads it where no frame of it was asked for before."""
+        if self._problems is None:
+            for _ in self.items(()):
+                pass
+        return self._problems or []
 
     def files(self, name: str) -> list[Path]:
         """Return the bag's files and that of the truth."""
@@ -130,7 +138,9 @@ class LabelledBag:
                         yield _BagFrame(item, self._truth[item.name], self._labels)
                     elif isinstance(item, UnusableFrame) and item.name in missing:
                         missing[item.name] = item.problem
+                self._problems = recording.problems if is_damaged(recording) else []
         except ValueError as err:  # of a bag that breaks off
+            self._problems = [str(err)]
             missing = dict.fromkeys(missing, str(err))
         for name, problem in missing.items():
             yield _MissingFrame(name, problem)

@@ -9,16 +9,19 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lrtrav_ros.camera import StereoCamera
+from lrtrav_ros.config import MAX_PIXELS
 from lrtrav_ros.evaluation.truth.labelled_sets import LabelledFrame, LabelledItem
 from lrtrav_ros.evaluation.truth.labels import IGNORED, NOT_TRAVERSABLE, TRAVERSABLE
 from lrtrav_ros.frame import Frame
 from lrtrav_ros.io.image_files import read_image
+from lrtrav_ros.io.input_files import read_text
 
 
 class KittiRoad:
@@ -28,12 +31,15 @@ class KittiRoad:
     ----------
     path : Path
         The folder, or the one that holds its ``training/``.
+    max_pixels : int
+        Most pixels that an image may have.
     """
 
     unknown_rule = "ignore"
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, *, max_pixels: int = MAX_PIXELS) -> None:
         self.path = path
+        self._max_pixels = max_pixels
         self._folder = path / "training" if (path / "training").is_dir() else path
         lefts = {file.stem for file in (self._folder / "image_2").glob("*.png")}
         truths = {file.stem.replace("_road_", "_") for file in (self._folder / "gt_image_2").glob("*_road_*.png")}
@@ -47,18 +53,19 @@ class KittiRoad:
 
     def files(self, name: str) -> list[Path]:
         """Return the files of a frame."""
-        return _KittiFrame(self._folder, name).files
+        return _KittiFrame(self._folder, name, self._max_pixels).files
 
     def items(self, names: Collection[str]) -> Iterator[LabelledItem]:
         """Yield the frames of these names."""
         for name in sorted(names):
-            yield _KittiFrame(self._folder.absolute(), name)
+            yield _KittiFrame(self._folder.absolute(), name, self._max_pixels)
 
 
 @dataclass(frozen=True, slots=True)
 class _KittiFrame:
     folder: Path
     name: str
+    max_pixels: int
 
     @property
     def files(self) -> list[Path]:
@@ -75,7 +82,8 @@ class _KittiFrame:
         """Read images, calibration and truth."""
         left, right, calibration, truth = self.files
         camera = read_calibration(calibration)
-        frame = Frame(name=self.name, camera=camera, left=read_image(left), right=read_image(right))
+        read = partial(read_image, max_pixels=self.max_pixels)
+        frame = Frame(name=self.name, camera=camera, left=read(left), right=read(right))
         return LabelledFrame(frame, _read_truth(truth))
 
 
@@ -98,7 +106,7 @@ def read_calibration(path: Path) -> StereoCamera:
         If the file cannot be read, or one of the matrices is not in it.
     """
     matrices = {}
-    for line in path.read_text(encoding="utf-8", errors="replace").splitlines():
+    for line in read_text(path).splitlines():
         key, _, numbers = line.partition(":")
         if key in ("P2", "P3"):
             try:
@@ -107,14 +115,18 @@ def read_calibration(path: Path) -> StereoCamera:
                 raise ValueError(f"{path}: {key} is no matrix of 3 x 4 numbers") from err
     if len(matrices) < 2:
         raise ValueError(f"{path}: has no P2 and P3, the projection matrices of the colour cameras")
-    left, right = matrices["P2"], matrices["P3"]
-    return StereoCamera(
-        fx=float(left[0, 0]),
-        fy=float(left[1, 1]),
-        cx=float(left[0, 2]),
-        cy=float(left[1, 2]),
-        baseline_m=float((left[0, 3] - right[0, 3]) / left[0, 0]),
-    )
+    try:
+        return _camera(matrices["P2"], matrices["P3"])
+    except ValueError as err:
+        raise ValueError(f"{path}: {err}") from err
+
+
+def _camera(left: NDArray[np.float64], right: NDArray[np.float64]) -> StereoCamera:
+    """Return the camera of two projection matrices."""
+    fx, shift = float(left[0, 0]), float(left[0, 3]) - float(right[0, 3])
+    if not fx > 0:
+        raise ValueError(f"P2 has the focal length {fx:g}; give a positive one")
+    return StereoCamera(fx=fx, fy=float(left[1, 1]), cx=float(left[0, 2]), cy=float(left[1, 2]), baseline_m=shift / fx)
 
 
 def _read_truth(path: Path) -> NDArray[np.uint8]:

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lrtrav_ros.frame import Frame
+from lrtrav_ros.numerics.checks import check_array, check_type
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -28,8 +29,8 @@ class LabelledFrame:
 
     Raises
     ------
-    ValueError
-        If they differ in size.
+    TypeError, ValueError
+        If an array is not as above, or they differ in size.
     """
 
     frame: Frame
@@ -37,6 +38,10 @@ class LabelledFrame:
     height_m: NDArray[np.float32] | None = None
 
     def __post_init__(self) -> None:
+        check_type("frame", self.frame, Frame)
+        check_array("ground truth", self.truth, np.uint8, ("H", "W"))
+        if self.height_m is not None:
+            check_array("heights", self.height_m, np.float32, ("H", "W"))
         for name, image in (("ground truth is", self.truth), ("heights are", self.height_m)):
             if image is not None and image.shape != self.frame.shape:
                 size, wanted = (f"{shape[1]} x {shape[0]}" for shape in (image.shape, self.frame.shape))

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from lrtrav_ros.numerics.checks import check_array, check_count, check_type
+
 TRAVERSABLE = 255
 NOT_TRAVERSABLE = 0
 IGNORED = 128
@@ -36,6 +38,8 @@ class Labels:
     unknown: int = IGNORED
 
     def __post_init__(self) -> None:
+        for name in ("traversable", "not_traversable", "unknown"):
+            check_count(name, getattr(self, name), least=-(2**31))
         if len({self.traversable, self.not_traversable, self.unknown}) < 3:
             raise ValueError(f"labels are {self}; give three different values")
 
@@ -64,8 +68,10 @@ def decode_truth(image: NDArray[np.generic], labels: Labels) -> NDArray[np.uint8
     ValueError
         If `image` has more than one channel, or a value that is none of the labels.
     """
-    if image.ndim != 2:
-        raise ValueError(f"ground truth has shape {image.shape}; give an image of one channel")
+    check_type("ground truth", image, np.ndarray)
+    check_type("labels", labels, Labels)
+    if image.ndim != 2 or image.dtype.kind not in "biuf":
+        raise ValueError(f"ground truth has shape {image.shape} and type {image.dtype}; give an image of one channel")
     truth = np.full(image.shape, NOT_TRAVERSABLE, np.uint8)
     truth[image == labels.traversable] = TRAVERSABLE
     truth[image == labels.unknown] = IGNORED
@@ -92,9 +98,10 @@ def apply_unknown_rule(truth: NDArray[np.uint8], rule: str) -> NDArray[np.uint8]
 
     Raises
     ------
-    ValueError
-        If there is no such rule.
+    TypeError, ValueError
+        If `truth` is not such an array, or there is no such rule.
     """
+    check_array("ground truth", truth, np.uint8, ("H", "W"))
     if rule not in UNKNOWN_RULES:
         raise ValueError(f"no rule {rule!r} for unknown pixels; choose one of {', '.join(UNKNOWN_RULES)}")
     return np.where(truth == IGNORED, np.uint8(NOT_TRAVERSABLE), truth) if rule == "not-traversable" else truth

@@ -8,8 +8,6 @@ the camera, as in dataset folders.
 from __future__ import annotations
 
 import dataclasses
-import io
-import zlib
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,11 +15,10 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.io import loadmat
-from scipy.io.matlab import MatReadError
 
 from lrtrav_ros.evaluation.truth.labelled_sets import LabelledFrame, LabelledItem
 from lrtrav_ros.evaluation.truth.labels import Labels, decode_truth
+from lrtrav_ros.evaluation.truth.mat_arrays import read_arrays
 from lrtrav_ros.frame import SOURCES, Frame
 from lrtrav_ros.io.dataset_folder import read_camera
 
@@ -209,49 +206,6 @@ class _MatFrame:
 
     def read(self) -> LabelledFrame:
         return self.reader.read(self.name)
-
-
-def read_arrays(path: Path) -> dict[str, NDArray[Any]]:
-    """Read the arrays of a file.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-
-    Returns
-    -------
-    dict of str to ndarray
-        Arrays by name; those in a struct as ``STRUCT.FIELD``.
-
-    Raises
-    ------
-    OSError, ValueError
-        If it cannot be read.
-    """
-    data = io.BytesIO(path.read_bytes())
-    try:
-        content = loadmat(data)
-    except NotImplementedError as err:
-        raise ValueError(f"{path}: is a file of MATLAB 7.3; save it with the option -v7") from err
-    except (ValueError, TypeError, IndexError, KeyError, OSError, MemoryError, MatReadError, zlib.error) as err:
-        raise ValueError(f"{path}: cannot be read as a MATLAB file ({err})") from err
-    arrays: dict[str, NDArray[Any]] = {}
-    for name, value in content.items():
-        if not name.startswith("__"):
-            _flatten(name, np.asarray(value), arrays)
-    if not any(array.size for array in arrays.values()):  # older versions of SciPy read zeros as an empty file
-        raise ValueError(f"{path}: cannot be read as a MATLAB file (it holds no arrays)")
-    return arrays
-
-
-def _flatten(name: str, value: NDArray[Any], arrays: dict[str, NDArray[Any]]) -> None:
-    """Add an array, or those of a struct, by name."""
-    if value.dtype.names and value.size == 1:
-        for field in value.dtype.names:
-            _flatten(f"{name}.{field}", np.asarray(value.flat[0][field]), arrays)
-    else:
-        arrays[name] = value
 
 
 def describe(path: Path) -> list[str]:

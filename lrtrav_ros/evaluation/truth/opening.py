@@ -22,7 +22,7 @@ class ReaderOptions:
     Parameters
     ----------
     source : SourceConfig
-        Which input to use where a set holds several, and how the images of a bag are paired.
+        Which input to use where a set holds several, how large images may be, and how those of a bag are paired.
     truth : Path, optional
         Folder with the ground truth of a rosbag; else ``gt`` in the bag's folder, or beside the bag's file.
     labels : Labels, optional
@@ -87,13 +87,14 @@ def open_set(path: Path, options: ReaderOptions) -> LabelledSet:
 
 
 def _open_by_layout(path: Path, options: ReaderOptions) -> LabelledSet:
-    source = options.source.source
     if (path / "left").is_dir():
-        return LabelledFolder(path, labels=options.labels or Labels(), source=source)
+        return LabelledFolder(path, labels=options.labels or Labels(), source=options.source)
     if KittiRoad.is_at(path):
-        return KittiRoad(path)
+        return KittiRoad(path, max_pixels=options.source.max_pixels)
     if path.is_dir() and any(path.glob("*.mat")):
-        return MatFolder(path, fields=options.fields, labels=options.labels or LAGR_LABELS, source=source)
+        return MatFolder(
+            path, fields=options.fields, labels=options.labels or LAGR_LABELS, source=options.source.source
+        )
     truth = options.truth or (path if path.is_dir() else path.parent) / "gt"
     return LabelledBag(path, truth=truth, labels=options.labels or Labels(), source=options.source)
 

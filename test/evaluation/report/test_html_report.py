@@ -6,6 +6,7 @@ import base64
 import dataclasses
 import html
 import re
+import subprocess
 
 import pytest
 from sample_report import (
@@ -70,6 +71,25 @@ def test_page_needs_no_network():
     policy = page.all("meta")[2]
     assert policy["http-equiv"] == "Content-Security-Policy"
     assert policy["content"].startswith("default-src 'none'; img-src data:;")
+
+
+def test_policy_lets_in_its_own_script_and_style_alone():
+    text = make_report()
+    policy = dict(part.split(" ", 1) for part in Page(text).all("meta")[2]["content"].split("; "))
+    for tag, directive in (("script", "script-src"), ("style", "style-src-elem")):
+        (content,) = re.findall(f"<{tag}>(.*?)</{tag}>", text, re.DOTALL)
+        digest = subprocess.run(
+            ["openssl", "dgst", "-sha256", "-binary"], input=content.encode(), stdout=-1, check=True
+        )
+        assert policy[directive] == f"'sha256-{base64.b64encode(digest.stdout).decode()}'"
+    assert policy["style-src"] == "'unsafe-inline'"  # of attributes, and for browsers without style-src-elem
+    assert not re.search(r"\son\w+=|javascript:", text)
+
+
+def test_names_that_are_not_utf8_are_written(tmp_path):
+    summary = make_summary(sets=(b"caf\xe9".decode("utf-8", "surrogateescape"),))
+    write_report(tmp_path / "report.html", summary, [], [])
+    assert r"caf\udce9" in Page((tmp_path / "report.html").read_text(encoding="utf-8")).text
 
 
 def test_table_has_all_scores_and_the_best_are_marked():

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from recorded import HEIGHT, WIDTH, frames, rendered, write_dataset
 
+from lrtrav_ros.config import SourceConfig
 from lrtrav_ros.evaluation.truth.labels import Labels
 from lrtrav_ros.evaluation.truth.opening import ReaderOptions, open_set
 from lrtrav_ros.io.bag_writer import write_stereo_bag
@@ -40,6 +41,14 @@ def test_heights_are_read_where_there_are_any(tmp_path):
         ValueError, match=f"the heights are {HEIGHT} x {WIDTH} pixels, but the frame is {WIDTH} x {HEIGHT}"
     ):
         next(opened.items([FRAME.name])).read()
+
+
+def test_images_of_more_pixels_than_are_allowed_are_refused(tmp_path):
+    folder = write_dataset(tmp_path / "set", frames(n=1), truth=True)
+    options = ReaderOptions(source=SourceConfig(max_pixels=HEIGHT * WIDTH - 1))
+    (item,) = open_set(folder, options).items([FRAME.name])
+    with pytest.raises(ValueError, match=f"source.max_pixels allows {HEIGHT * WIDTH - 1}"):
+        item.read()
 
 
 def test_truth_without_its_image_fails_alone(tmp_path):
@@ -82,3 +91,17 @@ def test_bag_with_a_folder_of_truth(tmp_path):
     assert np.array_equal(read[1].read().truth, rendered()[1].truth)
     with pytest.raises(ValueError, match="drive has no such frame"):
         missing.read()
+
+
+def test_damage_of_a_bag_is_told(tmp_path):
+    write_stereo_bag(tmp_path / "drive", frames())
+    stamps = [str(frame.stamp_ns) for frame in frames()]
+    write_image(tmp_path / "labels" / f"{stamps[0]}.png", rendered()[0].truth)
+    options = ReaderOptions(truth=tmp_path / "labels")
+    assert open_set(tmp_path / "drive", options).problems() == []
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes((tmp_path / "drive" / "drive.mcap").read_bytes()[:-200])
+    for is_read in (False, True):
+        damaged = open_set(cut, options)
+        assert not is_read or len(list(damaged.items(damaged.names))) == 1
+        assert "cut.mcap: damaged or not finished" in damaged.problems()[0]
