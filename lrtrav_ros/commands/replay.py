@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -54,14 +55,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Publish the bag; return the exit status."""
+    """Publish the bag; return the exit status, which is 1 where something of the bag is damaged."""
     from lrtrav_ros.nodes.bag_player import RosArgumentsError, replay
 
     try:
-        replay(args.bag, _options(args), ros_args=args.ros_args)
+        is_whole = replay(args.bag, _options(args), ros_args=args.ros_args)
     except RosArgumentsError as err:
         raise UsageError(str(err)) from err
-    return 0
+    if not is_whole:
+        print(f"{args.bag}: is damaged; what could be read of it is published", file=sys.stderr)
+    return 0 if is_whole else 1
 
 
 def _options(args: argparse.Namespace) -> ReplayOptions:

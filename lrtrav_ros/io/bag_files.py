@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
-from pathlib import Path, PurePath
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Protocol
 
-import yaml
-from rosbags import rosbag1, rosbag2
-from rosbags.interfaces import ConnectionExtRosbag2, Qos
-
-from lrtrav_ros.io.damaged_bags import RawMessage, Report, intact_messages
+from lrtrav_ros.io.bag_metadata import BagMetadata, read_metadata
+from lrtrav_ros.io.bag_records import MAX_TIME_NS, Contents, RawMessage, Report, UnindexedFileError
+from lrtrav_ros.io.mcap_files import McapFile, scanned_mcap
+from lrtrav_ros.io.ros1_files import Ros1File, scanned_ros1
+from lrtrav_ros.io.sqlite_files import SqliteFile, scanned_sqlite
 from lrtrav_ros.io.zstd_files import decompress_file, first_bytes, is_zstd_file
 
 _MAGIC = {b"#ROSBAG V2.0": "rosbag1", b"\x89MCAP0\r\n": "mcap", b"SQLite format 3\0": "sqlite3"}
 _SUFFIXES = {"rosbag1": ".bag", "mcap": ".mcap", "sqlite3": ".db3"}
 _COMPRESSED_SUFFIXES = (".zstd", ".zst")
+_SCANS = {"rosbag1": scanned_ros1, "mcap": scanned_mcap, "sqlite3": scanned_sqlite}
 
 
 def storage_format(path: Path) -> str | None:
@@ -24,53 +26,72 @@ def storage_format(path: Path) -> str | None:
     return next((name for magic, name in _MAGIC.items() if start.startswith(magic)), None)
 
 
-def recording_files(path: Path, report: Report) -> list[Path]:
+def recording_files(path: Path, metadata: BagMetadata, report: Report) -> list[Path]:
     """Return the files of a recording that hold messages, in the order in which they were written.
 
     Parameters
     ----------
     path : Path
-        A file, or a folder: then the files that its metadata.yaml lists, or all where there is none.
+        A file, or a folder: then the files that its metadata list, or all where there are none.
+    metadata : BagMetadata
+        What its ``metadata.yaml`` says.
     report : callable
         Is called with what is missing.
     """
-    if path.is_file():
-        return [path] if storage_format(path) else []
+    if not path.is_dir():
+        return [path] if path.is_file() and storage_format(path) else []
     found = [file for file in path.iterdir() if file.is_file() and storage_format(file)]
     # Who compresses a file may leave the original, or was interrupted; either way that is the one to read.
     names = {file.name for file in found}
     found = [file for file in found if file.suffix not in _COMPRESSED_SUFFIXES or file.stem not in names]
-    if listed := _listed_names(path / "metadata.yaml", report):
-        for name in listed:
-            if not any(_is_same(file.name, name) for file in found):
-                report(f"{path / name}: is missing or damaged, though metadata.yaml lists it")
-        found = [file for file in found if any(_is_same(file.name, name) for name in listed)] or found
+    plain, listed = ({_plain_name(name) for name in group} for group in (names, metadata.names))
+    for name in metadata.names:
+        if _plain_name(name) not in plain:
+            report(f"{path / name}: is missing or damaged, though metadata.yaml lists it")
+    for file in () if listed else sorted(path.iterdir()):
+        if _is_named_as_recording(file.name) and _plain_name(file.name) not in plain:
+            report(f"{file}: is no recording, or damaged from its start on")
+    found = [file for file in found if _plain_name(file.name) in listed] or found
     return sorted(found, key=_numbered)
 
 
-def _listed_names(path: Path, report: Report) -> list[str]:
-    """Return the names of the files that a recording's metadata list; none where there are no metadata."""
-    if not path.exists():
-        return []
+def recording_metadata(path: Path, report: Report) -> BagMetadata:
+    """Return what the metadata of a recording say: nothing where there are none, or they are damaged."""
+    file = path / "metadata.yaml"
+    if not path.is_dir() or not file.exists():
+        return BagMetadata()
     try:
-        metadata = yaml.safe_load(path.read_text(encoding="utf-8"))
-        return [PurePath(name).name for name in metadata["rosbag2_bagfile_information"]["relative_file_paths"]]
-    except (yaml.YAMLError, UnicodeDecodeError, KeyError, TypeError) as err:
-        report(f"{path}: damaged ({' '.join(str(err).split())}); all files beside it are read")
-        return []
+        return read_metadata(file)
+    except ValueError as err:
+        report(f"{file}: damaged ({err}); all files beside it are read")
+        return BagMetadata()
 
 
-def _is_same(name: str, listed: str) -> bool:
-    """Return whether a file is the listed one, compressed or decompressed since or not."""
-    plain, listed_plain = (
-        text.removesuffix(_COMPRESSED_SUFFIXES[0]).removesuffix(_COMPRESSED_SUFFIXES[1]) for text in (name, listed)
-    )
-    return plain == listed_plain
+def _is_named_as_recording(name: str) -> bool:
+    """Return whether a recorder gives files such names; those with a dot before them are of file systems."""
+    return not name.startswith(".") and _plain_name(name).endswith(tuple(_SUFFIXES.values()))
+
+
+def _plain_name(name: str) -> str:
+    """Return the name of a file before it was compressed."""
+    return name.removesuffix(_COMPRESSED_SUFFIXES[0]).removesuffix(_COMPRESSED_SUFFIXES[1])
 
 
 def _numbered(path: Path) -> list[int | str]:
     """Return a key that sorts name_2 before name_10."""
     return [int(part) if part.isdigit() else part for part in re.split(r"(\d+)", path.name)]
+
+
+class _IndexedFile(Protocol):
+    """A file of a recording that is read by its index."""
+
+    contents: Contents
+
+    def messages(self, topics: set[str], start_ns: int) -> Iterator[RawMessage]:
+        """Yield the messages on topics, at a time or later, in order of time."""
+
+    def close(self) -> None:
+        """Close the file."""
 
 
 class BagFile:
@@ -89,16 +110,8 @@ class BagFile:
     ----------
     is_ros1 : bool
         Whether its messages are those of ROS 1.
-    topics : dict of str to str
-        Type of each topic.
-    counts : dict of str to int
-        Number of messages on each topic.
-    definitions : dict of str to str
-        Text of each type, where the file has it.
-    qos : dict of str to sequence of rosbags.interfaces.Qos
-        With which quality of service each topic was published, where the file says so.
-    start_ns, end_ns : int
-        Times of the first and last message; 0 in a file without messages.
+    contents : Contents
+        What it holds.
     """
 
     def __init__(self, path: Path, folder: Path, report: Report) -> None:
@@ -106,41 +119,56 @@ class BagFile:
         self._kind = storage_format(path) or ""
         self._path = self._plain_file(path, folder)
         self.is_ros1 = self._kind == "rosbag1"
-        self.topics: dict[str, str] = {}
-        self.counts: dict[str, int] = {}
-        self.definitions: dict[str, str] = {}
-        self.qos: dict[str, Sequence[Qos]] = {}
-        self.start_ns = self.end_ns = 0
-        self._reader: rosbag1.Reader | rosbag2.Reader | None = None
+        self._indexed: _IndexedFile | None = None
         try:
-            self._open()
+            self._indexed = self._open()
+            self.contents = self._indexed.contents
         except PermissionError:
             raise
+        except UnindexedFileError:
+            self.contents = self._scanned_contents()
         except Exception as err:  # rosbags raises anything from AssertionError to struct.error on damaged files
-            self._reader = None
             self._report(f"damaged or not finished ({reason(err)}); read as far as it is intact")
-            self._scan()
+            self.contents = self._scanned_contents()
 
     def close(self) -> None:
         """Close the file."""
-        if self._reader is not None:
-            self._reader.close()
-            self._reader = None
+        if self._indexed is not None:
+            self._indexed.close()
+            self._indexed = None
 
     def messages(self, topics: set[str], start_ns: int) -> Iterator[RawMessage]:
-        """Yield the messages on topics, at a time or later, in order of time (without index: in order of the file)."""
-        is_indexed = self._reader is not None
+        """Yield the messages on topics, at a time or later, in order of time (without index: in order of the file).
+
+        What is damaged is reported, and afterwards how many messages are missing that the index lists.
+        """
+        counts = dict.fromkeys(sorted(topics & self.contents.topics.keys()), 0)
+        for raw in self._readable(topics, start_ns):
+            if not 0 <= raw.time_ns < MAX_TIME_NS:
+                self._report(f"a message on {raw.topic} is skipped: ROS 2 cannot tell its time, {raw.time_ns} ns")
+                continue
+            counts[raw.topic] = counts.get(raw.topic, 0) + 1
+            yield raw
+        if start_ns > self.contents.start_ns:
+            return
+        for topic, count in counts.items():
+            listed = self.contents.counts[topic]
+            if count < listed:
+                self._report(f"{listed - count} of the {listed} messages on {topic} that are listed cannot be read")
+
+    def _readable(self, topics: set[str], start_ns: int) -> Iterator[RawMessage]:
+        """Yield what can be read: by the index as far as that goes, and then without it."""
         done: set[str] = set()  # topics of the messages at the last time
-        if is_indexed:
+        if self._indexed is not None:
             try:
-                for raw in self._indexed(topics, start_ns):
+                for raw in self._indexed.messages(topics, start_ns):
                     done = done | {raw.topic} if raw.time_ns == start_ns else {raw.topic}
                     start_ns = raw.time_ns
                     yield raw
                 return
             except Exception as err:  # see above; the consumer's own errors do not come here
                 self._report(f"damaged ({reason(err)}); read as far as it is intact")
-        for raw in intact_messages(self._path, self._kind, self._report if is_indexed else _ignore):
+        for raw in _SCANS[self._kind](self._path, self._report):
             if raw.topic not in topics:
                 continue
             if raw.time_ns > start_ns or (raw.time_ns == start_ns and raw.topic not in done):
@@ -155,43 +183,26 @@ class BagFile:
             self._report(f"cut off or damaged ({problem}); read as far as it can be decompressed")
         return plain
 
-    def _open(self) -> None:
-        """Open by index, and fill in what it says."""
-        reader = rosbag1.Reader(self._path) if self.is_ros1 else rosbag2.Reader(self._path)
-        reader.open()
-        self._reader = reader
-        for connection in reader.connections:
-            self.topics[connection.topic] = connection.msgtype
-            self.counts[connection.topic] = self.counts.get(connection.topic, 0) + connection.msgcount
-            self.definitions[connection.msgtype] = connection.msgdef.data
-            if isinstance(connection.ext, ConnectionExtRosbag2):
-                self.qos[connection.topic] = connection.ext.offered_qos_profiles
-        if any(self.counts.values()):
-            self.start_ns, self.end_ns = reader.start_time, reader.end_time - 1
+    def _open(self) -> _IndexedFile:
+        """Open by index."""
+        if self._kind == "mcap":
+            return McapFile(self._path, self._report)
+        return Ros1File(self._path) if self.is_ros1 else SqliteFile(self._path, self._report)
 
-    def _scan(self) -> None:
+    def _scanned_contents(self) -> Contents:
         """Read the file once without index, to know its topics, counts and times."""
+        contents = Contents()
         times: list[int] = []
-        for raw in intact_messages(self._path, self._kind, self._report):
-            self.topics[raw.topic] = raw.type
-            self.counts[raw.topic] = self.counts.get(raw.topic, 0) + 1
-            self.definitions[raw.type] = raw.definition
-            times = [min([raw.time_ns, *times]), max([raw.time_ns, *times])]
+        for raw in _SCANS[self._kind](self._path, self._report):
+            contents.add(raw.topic, raw.type, 1)
+            contents.definitions[raw.type] = raw.definition
+            if 0 <= raw.time_ns < MAX_TIME_NS:
+                times = [min([raw.time_ns, *times]), max([raw.time_ns, *times])]
         if times:
-            self.start_ns, self.end_ns = times
-
-    def _indexed(self, topics: set[str], start_ns: int) -> Iterator[RawMessage]:
-        assert self._reader is not None
-        connections = [connection for connection in self._reader.connections if connection.topic in topics]
-        if connections:
-            for connection, time_ns, data in self._reader.messages(connections, start=start_ns):
-                yield RawMessage(connection.topic, connection.msgtype, "", time_ns, data)
+            contents.start_ns, contents.end_ns = times
+        return contents
 
 
 def reason(err: Exception) -> str:
-    """Return what an error says, or its kind where it says nothing."""
-    return str(err) or type(err).__name__
-
-
-def _ignore(text: str) -> None:
-    """Do not report what has been reported."""
+    """Return in one line what an error says, or its kind where it says nothing."""
+    return " ".join(str(err).split())[:300] or type(err).__name__

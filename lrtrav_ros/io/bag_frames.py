@@ -12,11 +12,14 @@ from typing import Any
 import cv2
 from rosbags.typesys import Stores, get_typestore
 
+from lrtrav_ros.config import MAX_PIXELS
 from lrtrav_ros.frame import SOURCES, Frame
+from lrtrav_ros.io.bag_files import reason
 from lrtrav_ros.io.bag_reader import BagMessage, BagReader
 from lrtrav_ros.io.camera_info import is_distorted
 from lrtrav_ros.io.message_frames import FrameMessages, frame_of, header_stamp_ns
 from lrtrav_ros.io.pairing import StampPairing, TopicQueue
+from lrtrav_ros.io.problems import Problems
 from lrtrav_ros.io.static_transforms import StaticTransforms
 from lrtrav_ros.io.topics import DEPTH_INFO, LEFT_INFO, RIGHT_INFO, RIGHT_RAW, find_inputs, image_inputs
 from lrtrav_ros.pose import Pose
@@ -58,6 +61,8 @@ class StereoBag:
         Pose of that camera in the left one, as `Pose.parsed` takes it; empty to take it from ``/tf_static``.
     max_stamp_difference_s : float
         A left image and its partner whose header stamps differ by more, in seconds, are no pair.
+    max_pixels : int
+        Frames whose images have more pixels cannot be used.
 
     Attributes
     ----------
@@ -86,14 +91,16 @@ class StereoBag:
         depth_registered: bool = True,
         depth_pose: str = "",
         max_stamp_difference_s: float = 0.005,
+        max_pixels: int = MAX_PIXELS,
     ) -> None:
         if source not in SOURCES:
             raise ValueError(f"source is {source!r}; choose one of {', '.join(SOURCES)}")
         self._depth_pose = Pose.parsed(depth_pose) if depth_pose else None
         self.reader = BagReader(path)
         self.n_skipped = 0
-        self._problems: list[str] = []
+        self._problems = Problems()
         self._tolerance_ns = round(max_stamp_difference_s * 1e9)
+        self._max_pixels = max_pixels
         try:
             self.source, self.inputs = find_inputs(
                 self.reader.topics, source, topics or {}, rectify=rectify, register=not depth_registered
@@ -127,8 +134,16 @@ class StereoBag:
 
     @property
     def problems(self) -> list[str]:
-        """Everything that could not be read or used so far, one line each: damage, skipped frames, unpaired images."""
-        return [*self.reader.problems, *self._problems]
+        """Everything that could not be read or used so far: damage, skipped frames, unpaired images.
+
+        One line each, but for those that are alike, which are told once, with their number.
+        """
+        return [*self.reader.problems, *self._problems.lines()]
+
+    @property
+    def is_damaged(self) -> bool:
+        """Whether something of the bag is damaged or lost, as far as it has been read."""
+        return bool(self.reader.problems)
 
     def frames(self) -> Iterator[Frame]:
         """Yield the frames that can be used; see `items`."""
@@ -142,11 +157,12 @@ class StereoBag:
         ValueError
             If there is no CameraInfo, no left image has a partner, or it is not known where the depth camera is.
         """
-        self._problems, self.n_skipped = [], 0
+        self._problems, self.n_skipped = Problems(), 0
         infos = self._first_infos()
         if DEPTH_INFO in infos and self._depth_pose is None:
             self._depth_pose = self._recorded_pose(infos)
-        self._problems += self._notes(infos)
+        for note in self._notes(infos):
+            self._problems.add(note)
         pairing = _Pairing(TopicQueue(self.left_topic), TopicQueue(self.inputs[self._partner]))
         roles = {topic: role for role, topic in self.inputs.items()}
         names: set[str] = set()
@@ -155,11 +171,14 @@ class StereoBag:
                 frame = self._frame_after(message, roles[message.topic], pairing, infos)
                 if frame is not None and frame.name in names:
                     raise _FrameError(frame.name, "another frame has this header stamp")
+            except _FrameError as err:
+                self.n_skipped += 1
+                self._problems.add(f"{self.reader.path}: skipped {err}", kind=err.problem, case=self.n_skipped)
+                yield UnusableFrame(err.name, err.problem)
+                continue
             except ValueError as err:
                 self.n_skipped += 1
-                self._problems.append(f"{self.reader.path}: skipped {err}")
-                if isinstance(err, _FrameError):
-                    yield UnusableFrame(err.name, err.problem)
+                self.reader.report_unreadable(message, str(err))
                 continue
             if frame is not None:
                 names.add(frame.name)
@@ -182,7 +201,7 @@ class StereoBag:
         if pairing.n_pairs == 0:
             raise ValueError(f"{self.reader.path}: no images pair; {losses}")
         if losses:
-            self._problems.append(f"{self.reader.path}: {losses}")
+            self._problems.add(f"{self.reader.path}: {losses}")
 
     def _notes(self, infos: Mapping[str, Any]) -> list[str]:
         """Return a remark for each topic whose use is a guess."""
@@ -235,7 +254,7 @@ class StereoBag:
             depth_pose=self._depth_pose,
         )
         try:
-            return frame_of(messages)
+            return frame_of(messages, max_pixels=self._max_pixels)
         except (ValueError, cv2.error) as err:
             raise _FrameError(str(messages.stamp_ns), " ".join(str(err).split())) from err
 
@@ -254,5 +273,4 @@ def _deserialized(message: BagMessage) -> Any:
     try:
         return _ROS2.deserialize_cdr(message.data, message.type)
     except Exception as err:  # rosbags raises anything from AssertionError to struct.error on damaged messages
-        text = str(err) or type(err).__name__
-        raise ValueError(f"message on {message.topic} at {message.time_ns} ns: cannot be read ({text})") from err
+        raise ValueError(f"cannot be read: {reason(err)}") from err

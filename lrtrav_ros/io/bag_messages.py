@@ -15,6 +15,7 @@ from lrtrav_ros.io.point_clouds import FIELDS, FLOAT32, encode_points
 from lrtrav_ros.io.topics import DISPARITY_TYPE, IMAGE_TYPE, INFO_TYPE
 from lrtrav_ros.mapping.grid import Grid
 from lrtrav_ros.mapping.ground_frame import GroundFrame, ground_frame_id
+from lrtrav_ros.numerics.checks import check_array, check_type
 
 ROS2 = get_typestore(Stores.ROS2_JAZZY)
 
@@ -66,6 +67,8 @@ def camera_info_message(header: Any, camera: StereoCamera, size: tuple[int, ...]
 
 def disparity_message(header: Any, disparity: NDArray[np.float32], camera: StereoCamera) -> Any:
     """Return a DisparityImage, of which the invalid pixels (0) are below the least valid disparity."""
+    check_array("disparity", disparity, np.float32, ("H", "W"))
+    check_type("camera", camera, StereoCamera)
     valid = disparity[disparity > 0]
     return ROS2.types[DISPARITY_TYPE](
         header=header,

@@ -5,19 +5,25 @@ from __future__ import annotations
 import heapq
 import os
 from collections import Counter
-from collections.abc import Collection, Generator, Iterator, Mapping
+from collections.abc import Collection, Generator, Iterator
 from dataclasses import dataclass
+from functools import lru_cache
 from operator import itemgetter
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from types import TracebackType
 
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
-from lrtrav_ros.io.bag_files import BagFile, reason, recording_files
-from lrtrav_ros.io.damaged_bags import RawMessage
+from lrtrav_ros.io.bag_files import BagFile, reason, recording_files, recording_metadata
+from lrtrav_ros.io.bag_metadata import BagMetadata
+from lrtrav_ros.io.bag_records import MAX_UNPACKED_BYTES, RawMessage
+from lrtrav_ros.io.problems import Problems
+from lrtrav_ros.io.temporary_folder import TemporaryFolder
 from lrtrav_ros.io.zstd_files import decompressed, is_zstd, is_zstd_file
+
+MAX_DEFINITION_CHARACTERS = 1 << 16
+"""What the text of a type may take, which an image's does a sixteenth of: rosbags is slow at reading it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -45,7 +51,9 @@ class BagReader:
 
     The files of a folder are read together, with or without its metadata.yaml. Files that are compressed as a whole
     (``.zstd``) are decompressed into a temporary folder until the bag is closed; messages that are, one by one. A file
-    that was cut off or damaged is read without its index, as far as its messages are intact; `problems` says so.
+    that was cut off or damaged is read without its index, as far as its messages are intact; `problems` says so. What
+    checksums an MCAP file has are checked: a chunk that does not match its own is left out. The other formats have
+    none, so that an altered message is not always noticed.
 
     Parameters
     ----------
@@ -67,7 +75,8 @@ class BagReader:
     start_ns, end_ns : int
         Times of the first and last message; 0 for a recording without messages.
     problems : list of str
-        What of the recording could not be read, as far as it has been read.
+        What of the recording is damaged or could not be read, as far as it has been read: all there is where empty.
+        Problems that are alike are told once, with their number.
 
     Raises
     ------
@@ -81,33 +90,32 @@ class BagReader:
         self.path = Path(path)
         if not self.path.exists():
             raise FileNotFoundError(f"{self.path}: there is no such recording")
-        self.problems: list[str] = []
-        paths = recording_files(self.path, self.problems.append)
-        if not paths:
-            raise ValueError(
-                "; ".join([*self.problems, f"{self.path}: is no recording; give a .bag, .mcap or .db3 file, "])
-                + "compressed or not, or a ROS 2 bag's folder"
-            )
+        self._problems = Problems()
+        metadata = recording_metadata(self.path, self._problems.add)
+        paths = self._paths(metadata)
         self._is_closed = False
-        self._folder = TemporaryDirectory(prefix="lrtrav_ros_") if any(map(is_zstd_file, paths)) else None
+        self._folder = TemporaryFolder() if any(map(is_zstd_file, paths)) else None
         self._files: list[BagFile] = []
         try:
-            folder = Path(self._folder.name) if self._folder else self.path
-            self._files.extend(BagFile(file, folder, self.problems.append) for file in paths)
+            folder = self._folder.path if self._folder else self.path
+            self._files.extend(BagFile(file, folder, self._problems.add) for file in paths)
         except BaseException:
             self.close()
             raise
-        self.topics = {topic: kind for part in self._files for topic, kind in part.topics.items()}
-        self.definitions = {kind: text for part in self._files for kind, text in part.definitions.items() if text}
+        parts = [file.contents for file in self._files]
+        self.topics = {topic: kind for part in reversed(parts) for topic, kind in part.topics.items()}
+        self.definitions = {kind: text for part in parts for kind, text in part.definitions.items() if text}
         self.counts: Counter[str] = Counter()
-        for part in self._files:
+        for part in parts:
             self.counts.update(part.counts)
-        full = [part for part in self._files if any(part.counts.values())]
+        full = [part for part in parts if any(part.counts.values())]
         self.start_ns = min((part.start_ns for part in full), default=0)
         self.end_ns = max((part.end_ns for part in full), default=0)
-        self.qos = {topic: qos for part in self._files for topic, qos in part.qos.items()}
+        self.qos = {topic: qos for part in parts for topic, qos in part.qos.items()}
+        if not self._problems:
+            self._compare_counts(metadata)
         is_ros1 = any(part.is_ros1 for part in self._files)
-        self.typestore = _typestore(self.definitions) if is_ros1 else None
+        self.typestore = self._ros1_types() if is_ros1 else None
 
     def __enter__(self) -> BagReader:
         return self
@@ -117,12 +125,25 @@ class BagReader:
     ) -> None:
         self.close()
 
+    @property
+    def problems(self) -> list[str]:
+        """What is damaged or could not be read up to now, one line each."""
+        return self._problems.lines()
+
+    def report_unreadable(self, message: BagMessage | RawMessage, problem: str) -> None:
+        """Note that a message is not what its type says, which counts as damage."""
+        self._problems.add(
+            f"{self.path}: message on {message.topic} at {message.time_ns} ns skipped ({problem})",
+            kind=f"{message.topic}: {problem}",
+            case=message.time_ns,
+        )
+
     def close(self) -> None:
         """Close the files."""
         for file in self._files:
             file.close()
         if self._folder is not None:
-            self._folder.cleanup()
+            self._folder.close()
         self._is_closed = True
 
     def messages(
@@ -150,34 +171,70 @@ class BagReader:
             if raw is not None:
                 yield from self._converted(raw)
 
+    def _paths(self, metadata: BagMetadata) -> list[Path]:
+        """Return the files of the recording; raises ValueError where there are none."""
+        paths = recording_files(self.path, metadata, self._problems.add)
+        if not paths:
+            remedy = (
+                f"{self.path}: is no recording; give a .bag, .mcap or .db3 file, compressed or not, or a ROS 2 bag's"
+            )
+            raise ValueError("; ".join([*self.problems, f"{remedy} folder"]))
+        return paths
+
+    def _report(self, problem: str) -> None:
+        self._problems.add(f"{self.path}: {problem}")
+
+    def _ros1_types(self) -> Typestore:
+        """Return the types that are defined, and report those that cannot be understood."""
+        store, problems = _typestore(tuple(self.definitions.items()))
+        for problem in problems:
+            self._report(problem)
+        return store
+
+    def _compare_counts(self, metadata: BagMetadata) -> None:
+        """Report messages that the metadata list, but no file."""
+        for topic, listed in metadata.counts:
+            count = self.counts[topic]
+            if count < listed:
+                missing = f"{listed - count} of the {listed} messages on {topic}"
+                self._report(f"{missing} that metadata.yaml lists are missing")
+
     def _converted(self, raw: RawMessage) -> Iterator[BagMessage]:
         """Yield the message in CDR, unless it cannot be converted."""
         data: bytes | memoryview = raw.data
         try:
+            if raw.type != self.topics[raw.topic]:
+                raise ValueError(f"its type is {raw.type}, not {self.topics[raw.topic]} as before")
             if self.typestore is not None:
                 data = self.typestore.ros1_to_cdr(data, raw.type)
             elif is_zstd(data):  # which metadata need not say
-                data = decompressed(data)
+                data = decompressed(data, max_bytes=MAX_UNPACKED_BYTES)
         except Exception as err:  # rosbags raises anything from AssertionError to struct.error on damaged messages
-            self.problems.append(f"{self.path}: message on {raw.topic} at {raw.time_ns} ns skipped ({reason(err)})")
+            self.report_unreadable(raw, reason(err))
             return
         yield BagMessage(raw.topic, raw.type, raw.time_ns, bytes(data))
 
 
 def _lazy_messages(file: BagFile, topics: set[str], start_ns: int) -> Iterator[tuple[int, RawMessage | None]]:
     """Yield the times and messages of a file after its own start, so that it is not read before its turn."""
-    yield file.start_ns, None
+    yield file.contents.start_ns, None
     for raw in file.messages(topics, start_ns):
         yield raw.time_ns, raw
 
 
-def _typestore(definitions: Mapping[str, str]) -> Typestore:
-    """Return the types that a ROS 1 bag defines."""
-    types = {}
-    for kind, definition in definitions.items():
-        types.update(get_types_from_msg(definition, kind))
-    # rosbags drops the seq of ROS 1 by itself where the header is defined as in ROS 2.
-    types.update(get_types_from_msg("builtin_interfaces/Time stamp\nstring frame_id\n", "std_msgs/msg/Header"))
+@lru_cache(maxsize=8)  # rosbags takes 0.2 s for them, and the bags of a drive have the same
+def _typestore(definitions: tuple[tuple[str, str], ...]) -> tuple[Typestore, tuple[str, ...]]:
+    """Return the types that a ROS 1 bag defines, and a line for each that cannot be understood."""
     store = get_typestore(Stores.EMPTY)
-    store.register(types)
-    return store
+    # rosbags drops the seq of ROS 1 by itself where the header is defined as in ROS 2.
+    store.register(get_types_from_msg("builtin_interfaces/Time stamp\nstring frame_id\n", "std_msgs/msg/Header"))
+    problems = []
+    for kind, definition in definitions:
+        try:
+            if len(definition) > MAX_DEFINITION_CHARACTERS:
+                raise ValueError(f"takes more than {MAX_DEFINITION_CHARACTERS} characters")
+            types = get_types_from_msg(definition, kind)
+            store.register({name: fields for name, fields in types.items() if name not in store.fielddefs})
+        except Exception as err:  # rosbags raises anything from KeyError to RecursionError on damaged texts
+            problems.append(f"the definition of {kind} cannot be read ({reason(err)})")
+    return store, tuple(problems)

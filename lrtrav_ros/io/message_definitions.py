@@ -8,7 +8,7 @@ from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_
 from rosbags.typesys.store import Typestore
 
 from lrtrav_ros.io.bag_messages import ROS2
-from lrtrav_ros.io.bag_reader import BagReader
+from lrtrav_ros.io.bag_reader import MAX_DEFINITION_CHARACTERS, BagReader
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,6 +38,8 @@ def recorded_definition(reader: BagReader, kind: str) -> MessageDefinition:
         text = reader.definitions.get(kind)
         if text is None:
             return _definition(ROS2, kind)
+        if len(text) > MAX_DEFINITION_CHARACTERS:
+            raise ValueError(f"its definition takes more than {MAX_DEFINITION_CHARACTERS} characters")
         store = get_typestore(Stores.EMPTY)
         store.register(get_types_from_idl(text) if text.startswith("=") else get_types_from_msg(text, kind))
         return MessageDefinition(text, store.hash_rihs01(kind))

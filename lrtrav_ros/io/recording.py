@@ -32,6 +32,11 @@ class Recording(Protocol):
         """One line for all that could not be used up to now, with the reason."""
 
 
+def is_damaged(recording: Recording) -> bool:
+    """Return whether something of a recording is damaged or lost, as far as it has been read; told of bags alone."""
+    return isinstance(recording, StereoBag) and recording.is_damaged
+
+
 def is_dataset_folder(path: Path) -> bool:
     """Return whether a recording is a dataset folder, and no rosbag."""
     return (path / "left").is_dir()
@@ -65,7 +70,7 @@ def open_recording(
     if is_dataset_folder(path):
         if topics:
             raise ValueError(f"{path}: is a dataset folder, which has no topics to remap; give a rosbag")
-        return nullcontext(DatasetFolder(path, source=config.source))
+        return nullcontext(DatasetFolder(path, source=config.source, max_pixels=config.max_pixels))
     return closing(
         StereoBag(
             path,
@@ -75,5 +80,6 @@ def open_recording(
             depth_pose=config.depth_pose,
             topics=topics,
             max_stamp_difference_s=config.max_stamp_difference_s,
+            max_pixels=config.max_pixels,
         )
     )

@@ -7,6 +7,7 @@ from typing import Any
 
 from rosbags.typesys import Stores, get_typestore
 
+from lrtrav_ros.io.bag_files import reason
 from lrtrav_ros.io.bag_reader import BagReader
 from lrtrav_ros.pose import Pose
 
@@ -23,12 +24,14 @@ class StaticTransforms:
 
     @classmethod
     def recorded(cls, reader: BagReader) -> StaticTransforms:
-        """Return the transforms of a bag's ``tf_static``; messages that are damaged count as not there."""
+        """Return the transforms of a bag's ``tf_static``; messages that are damaged are reported to the reader."""
         transforms = cls()
         topics = [topic for topic in reader.topics if topic.rpartition("/")[2] == "tf_static"]
         for message in reader.messages(topics):
-            with suppress(Exception):  # rosbags raises anything from AssertionError to struct.error on damaged messages
+            try:
                 transforms.add(_ROS2.deserialize_cdr(message.data, TRANSFORMS_TYPE))
+            except Exception as err:  # rosbags raises anything from AssertionError to struct.error on damaged messages
+                reader.report_unreadable(message, f"cannot be read: {reason(err)}")
         return transforms
 
     def add(self, message: Any) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import os
+import shutil
 import sys
 from pathlib import Path
 
@@ -12,8 +13,14 @@ if sys.version_info >= (3, 14):
 else:
     from backports import zstd
 
+ZstdError = zstd.ZstdError
+zstd_decompressor = zstd.ZstdDecompressor
+
 _MAGIC = b"\x28\xb5\x2f\xfd"
 _BLOCK_BYTES = 1 << 20
+_CHECKED_BYTES = 64 << 20  # after which the disk is looked at
+_RESERVED_BYTES = 1 << 30  # what is left to others
+_REMEDY = "; set TMPDIR to a folder with more space"
 
 
 def is_zstd(data: bytes | memoryview) -> bool:
@@ -27,18 +34,23 @@ def is_zstd_file(path: Path) -> bool:
         return is_zstd(file.read(len(_MAGIC)))
 
 
-def decompressed(data: bytes | memoryview) -> bytes:
-    """Decompress one frame, or as much of it as is there.
+def decompressed(data: bytes | memoryview, *, max_bytes: int) -> bytes:
+    """Decompress one frame.
 
     Raises
     ------
     ValueError
-        If the data is damaged.
+        If the data is damaged or cut off, or holds more than `max_bytes`.
     """
+    decompressor = zstd.ZstdDecompressor()
     try:
-        return zstd.ZstdDecompressor().decompress(data)
+        content = decompressor.decompress(data, max_bytes)
     except zstd.ZstdError as err:
         raise ValueError(str(err)) from err
+    if not decompressor.eof:
+        what = f"holds more than {max_bytes} bytes when decompressed" if len(content) == max_bytes else "is cut off"
+        raise ValueError(f"it {what}")
+    return content
 
 
 def first_bytes(path: Path, n: int) -> bytes:
@@ -64,8 +76,10 @@ def decompress_file(path: Path, target: Path) -> str:
     Raises
     ------
     OSError
-        If the target cannot be written.
+        If the target cannot be written, or would fill the disk.
     """
+    reserve = min(_RESERVED_BYTES, shutil.disk_usage(target.parent).total // 20)
+    n_written = 0
     with target.open("wb") as output, zstd.ZstdFile(path) as content:
         while True:
             try:
@@ -74,6 +88,13 @@ def decompress_file(path: Path, target: Path) -> str:
                 return str(err)
             if not block:
                 return ""
+            if n_written % _CHECKED_BYTES < len(block) and shutil.disk_usage(target.parent).free < reserve:
+                raise OSError(
+                    errno.ENOSPC,
+                    f"{path}: decompressing it into {target.parent}: {n_written} bytes are written, and less than "
+                    f"{reserve} would be left on the disk{_REMEDY}",
+                )
+            n_written += len(block)
             _write(output.fileno(), block, f"{path}: decompressing it into {target.parent}")
 
 
@@ -84,5 +105,5 @@ def _write(file: int, data: bytes, action: str) -> None:
         try:
             rest = rest[os.write(file, rest) :]
         except OSError as err:
-            remedy = "; set TMPDIR to a folder with more space" if err.errno in (errno.ENOSPC, errno.EDQUOT) else ""
+            remedy = _REMEDY if err.errno in (errno.ENOSPC, errno.EDQUOT) else ""
             raise OSError(err.errno, f"{action}: {err.strerror}{remedy}") from err

@@ -30,6 +30,7 @@ from lrtrav_ros.nodes.shared_memory import IMAGES_PROFILE, use_segment
 _IMAGES = frozenset((topics.LEFT_IMAGE, *topics.PARTNER.values(), topics.LEFT_RAW, topics.RIGHT_RAW))
 _INPUTS = _IMAGES | {topics.LEFT_INFO, topics.RIGHT_INFO, topics.DEPTH_INFO}
 _QUEUE_DEPTH = 10
+_LONG_GAP_S = 60.0
 _STEP_S = 0.02  # longest sleep: the clock goes on, and a signal is noticed
 _SILENT_S = 4.0  # discovery takes up to three seconds; do not report waiting earlier
 _SETTLE_S = 0.2  # a subscriber that is known may not know the publisher yet, and would miss the first message
@@ -86,8 +87,8 @@ class ReplayOptions:
             raise ValueError(f"start is {self.start_s:g}, duration {self.duration_s}; give seconds above 0")
 
 
-def replay(path: str | os.PathLike[str], options: ReplayOptions, *, ros_args: Sequence[str] = ()) -> None:
-    """Publish the messages of a bag until its end, or until a signal.
+def replay(path: str | os.PathLike[str], options: ReplayOptions, *, ros_args: Sequence[str] = ()) -> bool:
+    """Publish the messages of a bag until its end, or until a signal; return whether all of it could be read.
 
     Raises
     ------
@@ -119,6 +120,7 @@ def replay(path: str | os.PathLike[str], options: ReplayOptions, *, ros_args: Se
             signal.signal(signal.SIGINT, handler)
         for problem in reader.problems:
             print(problem, file=sys.stderr)
+        return not reader.problems
 
 
 def published_names(types: Mapping[str, str], options: ReplayOptions) -> dict[str, str]:
@@ -273,6 +275,8 @@ class _BagPlayer:
     def _sleep_until(self, time_ns: int, begin: float) -> None:
         """Sleep until a time of the bag has come, `begin` being when its start was, and publish the clock."""
         due = begin + (time_ns - self._start_ns) / 1e9 / self._options.rate
+        if (gap_s := due - time.monotonic()) > _LONG_GAP_S:
+            print(f"the next message comes in {gap_s:.0f} s, unless the bag's times are damaged", file=sys.stderr)
         while (left_s := due - time.monotonic()) > 0 and rclpy.ok():
             self._publish_clock(time_ns - round(left_s * self._options.rate * 1e9))
             time.sleep(min(left_s, _STEP_S))

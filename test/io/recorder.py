@@ -38,7 +38,7 @@ def make_frames(n=6, **inputs):
 class Recorder:
     """Writes messages with the types of ROS 1 or ROS 2, as a recorder of that system does."""
 
-    def __init__(self, path, kind="mcap", compression=None):
+    def __init__(self, path, kind="mcap", compression=None, *, mode="STORAGE"):
         self.path = path
         self.is_ros1 = kind == "rosbag1"
         self.store = ROS1 if self.is_ros1 else ROS2
@@ -51,8 +51,7 @@ class Recorder:
         else:
             self.bag = rosbag2.Writer(path, version=9, storage_plugin=rosbag2.StoragePlugin[kind.upper()])
             if compression:
-                storage = rosbag2.CompressionMode.STORAGE
-                self.bag.set_compression(storage, rosbag2.CompressionFormat[compression])
+                self.bag.set_compression(rosbag2.CompressionMode[mode], rosbag2.CompressionFormat[compression])
         self.bag.open()
 
     def close(self):

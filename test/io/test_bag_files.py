@@ -134,6 +134,18 @@ def test_a_missing_file_costs_its_own_messages_only(tmp_path):
         assert bag.problems == [f"{path}/bag_1.db3.zstd: is missing or damaged, though metadata.yaml lists it"]
 
 
+@pytest.mark.parametrize("data", [b"", bytes(5000)])
+def test_a_file_that_begins_with_nothing_is_missed_without_metadata(data, tmp_path):
+    frames = make_frames(3)
+    path = split_bag(tmp_path / "bag", {i: [frame] for i, frame in enumerate(frames)}, "mcap", "NONE")
+    (path / "metadata.yaml").unlink()
+    (path / "._bag_0.mcap").write_bytes(b"of macOS")
+    (path / "bag_1.mcap").write_bytes(data)
+    with StereoBag(path) as bag:
+        assert [frame.name for frame in bag.frames()] == [frames[0].name, frames[2].name]
+        assert bag.problems == [f"{path}/bag_1.mcap: is no recording, or damaged from its start on"]
+
+
 def test_a_file_that_is_there_compressed_and_not_is_read_once(tmp_path, temporary):
     frames = make_frames(3)
     path = compressed_bag(tmp_path / "bag", frames, "mcap", "NONE")

@@ -228,7 +228,7 @@ def test_a_message_that_cannot_be_read_is_skipped(recorder):
     recorder.bag.write(recorder.connections["/left/image_rect"], START_NS + 5, b"\0\1\0\0\0\0")
     frames, problems = read(recorder, max_stamp_difference_s=0)
     assert len(frames) == 3
-    assert "message on /left/image_rect at 1700000000000000005 ns: cannot be read" in problems[0]
+    assert "message on /left/image_rect at 1700000000000000005 ns skipped (cannot be read" in problems[0]
 
 
 def test_stamps_that_are_not_set_give_one_frame_only(recorder):
@@ -238,8 +238,8 @@ def test_stamps_that_are_not_set_give_one_frame_only(recorder):
         recorder.image("/right/image_rect", random_image(i), 0, delay_ns=i)
     frames, problems = read(recorder)
     assert [frame.name for frame in frames] == ["0"]
-    assert len(problems) == 2
-    assert "frame 0: another frame has this header stamp" in problems[0]
+    (problem,) = problems
+    assert problem.endswith("frame 0: another frame has this header stamp (and 1 more like it)")
 
 
 def test_the_newest_calibration_counts_even_if_the_first_is_late(recorder):
