@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import argparse
+import io
+import signal
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
@@ -90,23 +93,36 @@ def run_lrtrav(arguments: Sequence[str]) -> int:
 
 
 def run(name: str, arguments: Sequence[str], *, prog: str = "") -> int:
-    """Run one subcommand and return the exit status: 0 done, 1 it failed, 2 wrong usage.
+    """Run one subcommand and return the exit status: 0 done, 1 it failed, 2 wrong usage, 130 Ctrl-C.
 
     Only the module of that command is imported, and it imports what is heavy when it runs.
     """
     prog = prog or name
+    if isinstance(sys.stdout, io.TextIOWrapper):  # as on standard error: a file name may be in no encoding
+        sys.stdout.reconfigure(errors="backslashreplace")
     command = COMMANDS[name].load()
     parser = argparse.ArgumentParser(prog=prog, description=(command.__doc__ or "").split("\n")[0])
     command.add_arguments(parser)
     own, ros_args = _split_ros_args(arguments) if COMMANDS[name].takes_ros_args else (arguments, [])
     args = parser.parse_args(own, argparse.Namespace(ros_args=ros_args))
     try:
-        return int(command.run(args))
+        with nullcontext() if COMMANDS[name].takes_ros_args else _terminable():  # nodes end by themselves
+            return int(command.run(args))
     except KeyboardInterrupt:
         return 130
     except (OSError, ValueError, RuntimeError) as err:
         print(f"{prog}: {err}", file=sys.stderr)
         return 2 if isinstance(err, UsageError) else 1
+
+
+@contextmanager
+def _terminable() -> Iterator[None]:
+    """Let SIGTERM end the block as Ctrl-C does, so that nothing temporary stays, decompressed bags above all."""
+    before = signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
 
 
 def _split_ros_args(arguments: Sequence[str]) -> tuple[list[str], list[str]]:

@@ -80,6 +80,7 @@ def run(args: argparse.Namespace) -> int:
     """Measure, and print tables."""
     config = config_from(args)
     _check(args)
+    _check_files(args)
     threads = _threads(args, config)
     for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ.setdefault(variable, str(max(threads)))  # read when NumPy is imported, below
@@ -112,6 +113,15 @@ def _check(args: argparse.Namespace) -> None:
         raise UsageError(f"--chart {args.chart}: give a name that ends in .svg")
     if args.ros or (len(args.sizes or ()) < 2 and len(args.superpixels or ()) < 2):
         raise UsageError("--chart shows how time grows; give several --sizes or --superpixels, and not --ros")
+
+
+def _check_files(args: argparse.Namespace) -> None:
+    """Raise OSError where a file cannot be written, before the measuring."""
+    from lrtrav_ros.io.atomic_files import check_writable
+
+    for path in (args.json, args.chart):
+        if path is not None:
+            check_writable(path)
 
 
 def _given(args: argparse.Namespace) -> set[str]:

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import argparse
+import ctypes
 import os
+import shutil
+import signal
 import subprocess
 import sys
 import time
@@ -32,12 +35,14 @@ _TOPICS = (
     "long_range/clusters",
     "long_range/grid",
 )
+_MASKS = ("short_range", "long_range")
 _TRUSTED_M = 10.0  # as far as a small stereo camera sees; what lies beyond is for the long range
 _QUIET = ("--log-level", "error")  # the nodes would say that no images come while these are rendered
 _START_S = 90.0  # kernels are compiled at the first start
 _END_S = 10.0
+_PR_SET_PDEATHSIG = 1  # of Linux' prctl
 _VIDEO_RATE_HZ = 10.0
-_SILENCE_S = 2.0  # after which no more masks come, once the replay has ended
+_SILENCE_S = 5.0  # after which no more masks come, once the replay has ended
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -58,7 +63,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run the demonstration; it fails where no mask came back."""
-    from lrtrav_ros.io.result_folder import output_folder
+    from lrtrav_ros.io.output_folder import output_folder
+    from lrtrav_ros.offline.run_identity import code_identity
     from lrtrav_ros.synthetic.scene_config import SceneConfig
 
     if not args.rate > 0:
@@ -67,8 +73,11 @@ def run(args: argparse.Namespace) -> int:
         scene = SceneConfig(style=args.style, seed=args.seed, n_frames=args.frames, pitch_deg=5.0)
     except ValueError as err:
         raise UsageError(str(err)) from err
-    with output_folder(args.output, overwrite=args.overwrite) as path:
-        path.mkdir(parents=True, exist_ok=True)
+    identity = {"the command": "demo", "--rate": f"{args.rate:g}", "scene": str(scene), **code_identity()}
+    with output_folder(args.output, identity, overwrite=args.overwrite, keeps=False) as journal:
+        path = journal.folder
+        for name in ("bag", *_MASKS):
+            shutil.rmtree(path / name, ignore_errors=True)  # of a run that was interrupted
         with _process("detector", "--ros-args", "-r", f"__ns:={_namespace()}", *_parameters()) as detector:
             frames = _render(scene, path / "bag")
             results = _replay(path / "bag", detector, n_frames=len(frames), rate=args.rate)
@@ -97,11 +106,11 @@ def _parameters() -> Iterator[str]:
 
 @contextmanager
 def _process(*arguments: str) -> Iterator[subprocess.Popen[bytes]]:
-    """Run ``lrtrav ARGUMENTS``; at the end it is interrupted, as by Ctrl-C."""
-    import signal
-
+    """Run ``lrtrav ARGUMENTS``; at the end, or when this process is killed, it is interrupted, as by Ctrl-C."""
     environment = {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST", **os.environ}
-    process = subprocess.Popen([sys.executable, "-m", "lrtrav_ros", *arguments], env=environment)
+    end_with_parent = partial(ctypes.CDLL(None).prctl, _PR_SET_PDEATHSIG, signal.SIGINT)
+    command = [sys.executable, "-m", "lrtrav_ros", *arguments]
+    process = subprocess.Popen(command, env=environment, preexec_fn=end_with_parent)
     try:
         yield process
     finally:
@@ -171,7 +180,7 @@ def _write(path: Path, frames: Sequence[SyntheticFrame], results: dict[int, dict
     from lrtrav_ros.io.pictures import stages_picture
 
     for frame in tqdm(frames, desc="write", unit="frame", disable=None):
-        for mask in ("short_range", "long_range"):
+        for mask in _MASKS:
             write_image(path / mask / f"{frame.frame.name}.png", results[_stamp(frame)][f"{mask}/mask"])
     _write_video(path / "overlay.mp4", [_side_by_side(frame, results[_stamp(frame)]) for frame in frames])
     middle = frames[len(frames) // 2]
@@ -189,18 +198,24 @@ def _write(path: Path, frames: Sequence[SyntheticFrame], results: dict[int, dict
 
 
 def _write_video(path: Path, pictures: Sequence[NDArray[np.uint8]]) -> None:
-    """Write a video of pictures of one size; raises OSError where OpenCV cannot."""
+    """Write a video of pictures of one size, whole or not at all; raises OSError where OpenCV cannot."""
     import cv2
 
+    from lrtrav_ros.io.atomic_files import scratch_folder
+
     height, width = pictures[0].shape[:2]
-    video = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"mp4v"), _VIDEO_RATE_HZ, (width, height))
-    try:
-        if not video.isOpened():
-            raise OSError(f"{path}: cannot be written as a video; OpenCV has no MPEG-4 encoder or the folder is closed")
-        for picture in pictures:
-            video.write(picture)
-    finally:
-        video.release()
+    with scratch_folder(path) as folder:
+        unfinished = folder / path.name
+        video = cv2.VideoWriter(str(unfinished), cv2.VideoWriter.fourcc(*"mp4v"), _VIDEO_RATE_HZ, (width, height))
+        try:
+            for picture in pictures:
+                video.write(picture)
+        finally:
+            video.release()
+        # OpenCV says nothing where the disk is full.
+        if cv2.VideoCapture(str(unfinished)).get(cv2.CAP_PROP_FRAME_COUNT) != len(pictures):
+            raise OSError(f"{path}: cannot be written as a video; OpenCV has no MPEG-4 encoder or the disk is full")
+        unfinished.replace(path)
 
 
 def _side_by_side(frame: SyntheticFrame, images: dict[str, Any]) -> NDArray[np.uint8]:
@@ -223,7 +238,7 @@ def _table(frames: Sequence[SyntheticFrame], n_sent: int, results: dict[int, dic
     from lrtrav_ros.evaluation.scoring.scores import mean_scores, score
 
     lines = [f"\n{len(frames)} of {n_sent} frames detected", f"{'mask':12} {'precision':>9} {'recall':>7} {'RMSE':>7}"]
-    for mask in ("short_range", "long_range"):
+    for mask in _MASKS:
         mean = mean_scores([score(results[_stamp(frame)][f"{mask}/mask"], frame.truth) for frame in frames])
         lines.append(f"{mask:12} {mean.precision:9.3f} {mean.recall:7.3f} {mean.rmse:7.3f}")
     return lines

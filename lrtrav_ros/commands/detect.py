@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import argparse
-import signal
 import sys
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -41,7 +39,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=Path,
         required=True,
         metavar="DIR",
-        help="folder to write to; with several inputs, one subfolder for each, named after it",
+        help="folder to write to; with several inputs, one subfolder for each, named after it. An interrupted run "
+        "resumes there, unless inputs, settings or code have changed",
     )
     parser.add_argument(
         "--save", default="", metavar="LIST", help=f"what else to save: all, or a comma-separated list of {_EXTRAS}"
@@ -67,32 +66,43 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Detect in all frames; frames that cannot be used are skipped, counted and reported."""
+    """Detect in all frames; return the exit status, which is 1 where something of an input is damaged.
+
+    Frames that cannot be used are skipped, counted and reported.
+    """
     config = config_from(args)
     extras, topics = _extras(args.save, config), _topics(args.remap)
 
-    from lrtrav_ros.io.result_folder import output_folder
-    from lrtrav_ros.offline.detection import detect_recording
+    from lrtrav_ros.io.output_folder import output_folder
+    from lrtrav_ros.offline.detection import can_keep_frames, detect_recording
+    from lrtrav_ros.offline.run_identity import detection_identity
 
     _check_order(args, config)
     names = output_names(args.inputs)
     _check_inputs(args.inputs, args.output)
     if args.output_bag is not None:
-        _check_output_bag(args.output_bag, args.inputs, overwrite=args.overwrite)
-    failures = []
-    with _terminable(), output_folder(args.output, overwrite=args.overwrite) as output:
+        _check_output_bag(args.output_bag, args.inputs)
+    identity = detection_identity(args.inputs, config, extras=extras, topics=topics, output_bag=args.output_bag)
+    keeps = can_keep_frames(config, output_bag=args.output_bag)
+    failures, damaged = [], []
+    with output_folder(args.output, identity, overwrite=args.overwrite, keeps=keeps) as journal:
+        if args.output_bag is not None:
+            _check_is_new(args.output_bag, overwrite=args.overwrite or journal.has_bag)
         for path, name in zip(args.inputs, names, strict=True):
             try:
                 outcome = detect_recording(
                     path,
-                    output / name,
+                    journal.folder / name,
                     config,
                     extras=extras,
-                    output_bag=_moved(args.output_bag, args.output, output),
+                    output_bag=_moved(args.output_bag, args.output, journal.folder),
                     topics=topics,
                     jobs=args.jobs,
                     cluster=args.cluster,
+                    journal=journal.part(name),
                 )
+                if outcome.is_damaged:
+                    damaged.append(path)
                 _report(path, args.output / name, outcome)
             except ValueError as err:
                 failures.append(str(err))
@@ -100,17 +110,9 @@ def run(args: argparse.Namespace) -> int:
             raise ValueError("; ".join(failures))
     for failure in failures:
         print(failure, file=sys.stderr)
-    return 1 if failures else 0
-
-
-@contextmanager
-def _terminable() -> Iterator[None]:
-    """Let SIGTERM end the block as Ctrl-C does, so that nothing temporary stays, decompressed bags above all."""
-    before = signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGTERM, before)
+    for path in damaged:
+        print(f"{path}: is damaged; what could be read of it is done", file=sys.stderr)
+    return 1 if failures or damaged else 0
 
 
 def _topics(remaps: Sequence[str]) -> dict[str, str]:
@@ -152,8 +154,8 @@ def _check_inputs(inputs: Sequence[Path], output: Path) -> None:
             raise ValueError(f"--output {output} holds the input {path}; choose another folder")
 
 
-def _check_output_bag(path: Path, inputs: Sequence[Path], *, overwrite: bool) -> None:
-    """Raise where no bag can be made of the inputs, or it cannot be written; before the work begins."""
+def _check_output_bag(path: Path, inputs: Sequence[Path]) -> None:
+    """Raise UsageError where no bag can be made of the inputs; before the work begins."""
     from lrtrav_ros.io.recording import is_dataset_folder
 
     if path.suffix != ".mcap":
@@ -164,6 +166,10 @@ def _check_output_bag(path: Path, inputs: Sequence[Path], *, overwrite: bool) ->
         raise UsageError(f"--output-bag {path}: {inputs[0]} is a dataset folder, which has no messages; give a rosbag")
     if path.resolve().is_relative_to(inputs[0].resolve()):
         raise UsageError(f"--output-bag {path}: is in the input {inputs[0]}; choose another place")
+
+
+def _check_is_new(path: Path, *, overwrite: bool) -> None:
+    """Raise FileExistsError where a file is there that is not to be replaced."""
     if path.exists() and not (overwrite and path.is_file()):
         raise FileExistsError(f"{path} exists; choose another name" + ("" if path.is_dir() else " or give --overwrite"))
 
@@ -177,6 +183,8 @@ def _moved(path: Path | None, folder: Path, written: Path) -> Path | None:
 
 def _report(path: Path, output: Path, outcome: Outcome) -> None:
     """Say what came of an input; raises ValueError where nothing did."""
+    if outcome.n_kept:
+        print(f"{outcome.n_kept} frames were finished before", file=sys.stderr)
     for problem in outcome.problems:
         print(problem, file=sys.stderr)
     if not outcome.n_done:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import argparse
+import os
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -13,10 +14,10 @@ from lrtrav_ros.commands.options import add_parallel_options, add_setting_option
 from lrtrav_ros.commands.usage_error import UsageError
 
 if TYPE_CHECKING:
-    from lrtrav_ros.evaluation.scoring.evaluation_folder import EvaluationFolder
+    from lrtrav_ros.evaluation.scoring.evaluation_folder import EvaluationFolder, Resumption
     from lrtrav_ros.evaluation.scoring.methods import Method
     from lrtrav_ros.evaluation.scoring.score_records import Summary
-    from lrtrav_ros.evaluation.truth.opening import ReaderOptions
+    from lrtrav_ros.evaluation.truth.opening import NamedSet, ReaderOptions
 
 _METHODS = "uv_disparity, proposed, colour_only, texture_only, random_centres, robust, near_to_far, near_to_far_fused"
 
@@ -111,27 +112,29 @@ def _inspect(path: Path) -> int:
 def _evaluate(args: argparse.Namespace, values: dict[str, object]) -> int:
     """Evaluate with these parameters; return the exit status."""
     from lrtrav_ros.evaluation.report.output_files import write_configs, write_results
-    from lrtrav_ros.evaluation.scoring.evaluation_folder import EvaluationFolder, evaluate_frames
+    from lrtrav_ros.evaluation.scoring.evaluation_folder import EvaluationFolder, check_place, evaluate_frames
     from lrtrav_ros.evaluation.scoring.evaluation_identity import evaluation_identity
     from lrtrav_ros.evaluation.scoring.frame_evaluation import make_setup
     from lrtrav_ros.evaluation.truth.opening import open_sets
+    from lrtrav_ros.io.folder_lock import locked_folder
 
     with _wrong_usage():
         reading, methods = _reader_options(args, values), _methods(args)
         setup = make_setup(methods, values, n_seeds=args.seeds, save_masks=args.save_masks)
     sets = open_sets(args.datasets, reading)
-    folder = EvaluationFolder(args.output, evaluation_identity(setup, reading, sets=sets, unknown=args.unknown))
-    _print_superseded(folder)
-    write_configs(methods, values, folder)
-    resumption = evaluate_frames(sets, setup, folder, unknown=args.unknown, jobs=args.jobs, cluster=args.cluster)
-    if resumption.n_kept:
-        print(f"{resumption.n_kept} frames were finished before", file=sys.stderr)
-    if resumption.n_changed:
-        print(f"frames evaluated again, because their files have changed: {resumption.n_changed}", file=sys.stderr)
-    summary = write_results(sets, setup, folder, unknown=args.unknown, jobs=args.jobs, cluster=args.cluster)
+    check_place(args.output)
+    with locked_folder(args.output):
+        folder = EvaluationFolder(args.output, evaluation_identity(setup, reading, sets=sets, unknown=args.unknown))
+        _print_superseded(folder)
+        write_configs(methods, values, folder)
+        resumption = evaluate_frames(sets, setup, folder, unknown=args.unknown, jobs=args.jobs, cluster=args.cluster)
+        _print_resumption(resumption)
+        summary = write_results(sets, setup, folder, unknown=args.unknown, jobs=args.jobs, cluster=args.cluster)
+        os.sync()
     _print(summary)
     print(f"\n{args.output}/report.html, scores.csv, summary.json, times.csv")
-    return 0 if summary.results else 1
+    is_whole = _print_damage(sets)
+    return 0 if summary.results and is_whole else 1
 
 
 @contextmanager
@@ -183,6 +186,24 @@ def _print_superseded(folder: EvaluationFolder) -> None:
         lines += [f"  {change}" for change in folder.superseded.changes]
         lines += [f"starting afresh; the earlier results are kept in {folder.superseded.path}"]
         print("\n".join(lines), file=sys.stderr)
+
+
+def _print_resumption(resumption: Resumption) -> None:
+    """Say on standard error what an earlier run had finished."""
+    if resumption.n_kept:
+        print(f"{resumption.n_kept} frames were finished before", file=sys.stderr)
+    if resumption.n_changed:
+        print(f"frames evaluated again, because their files have changed: {resumption.n_changed}", file=sys.stderr)
+
+
+def _print_damage(sets: Sequence[NamedSet]) -> bool:
+    """Say on standard error what of the rosbags is damaged; return whether nothing is."""
+    from lrtrav_ros.evaluation.truth.folders_and_bags import LabelledBag
+
+    problems = [problem for item in sets if isinstance(item.frames, LabelledBag) for problem in item.frames.problems()]
+    for problem in problems:
+        print(problem, file=sys.stderr)
+    return not problems
 
 
 def _print(summary: Summary) -> None:

@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
+import shutil
+import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -18,6 +20,7 @@ from lrtrav_ros.synthetic.scene_config import SceneConfig
 
 if TYPE_CHECKING:
     from lrtrav_ros.frame import Frame
+    from lrtrav_ros.io.run_journal import JournalPart
 
 BAG_FORMATS = ("mcap", "sqlite3", "rosbag1")
 
@@ -28,7 +31,9 @@ _METAVARS = {int: "N", float: "X", str: "NAME"}
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     width, height = _SETTINGS["width"].default, _SETTINGS["height"].default
-    parser.add_argument("folder", type=Path, metavar="DIR", help="new or empty folder to write")
+    parser.add_argument(
+        "folder", type=Path, metavar="DIR", help="new or empty folder to write; an interrupted run resumes there"
+    )
     parser.add_argument("--size", type=_size, metavar="WxH", help=f"size of the images, pixels ({width}x{height})")
     for field, parameter in _SETTINGS.items():
         if parameter.option:
@@ -61,14 +66,28 @@ def _add_option(parser: argparse.ArgumentParser, field: str, parameter: Paramete
 
 def run(args: argparse.Namespace) -> int:
     """Render and write the sequences; return the exit status."""
-    if args.folder.exists() and (not args.folder.is_dir() or any(args.folder.iterdir())):
-        raise FileExistsError(f"{args.folder}: exists; give a new or an empty folder")
+    from lrtrav_ros.io.output_folder import output_folder
+
     first = _scene(args)
-    for number in range(args.sequences):
-        folder = args.folder / f"sequence_{number:02d}" if args.sequences > 1 else args.folder
-        _write_sequence(folder, dataclasses.replace(first, seed=first.seed + number), args.bag)
+    n_kept = 0
+    with output_folder(args.folder, _identity(args, first), can_overwrite=False, keeps=not args.bag) as journal:
+        for number in range(args.sequences):
+            part = journal.part(f"sequence_{number:02d}" if args.sequences > 1 else "")
+            _write_sequence(part, dataclasses.replace(first, seed=first.seed + number), args.bag)
+            n_kept += len(part.finished)
+    if n_kept:
+        print(f"{n_kept} frames were finished before", file=sys.stderr)
     print(f"{args.sequences * first.n_frames} frames written to {args.folder}")
     return 0
+
+
+def _identity(args: argparse.Namespace, scene: SceneConfig) -> dict[str, str]:
+    """Return all that the files depend on."""
+    from lrtrav_ros.offline.run_identity import code_identity
+
+    settings = {field: str(value) for field, value in dataclasses.asdict(scene).items()}
+    options = {"--sequences": str(args.sequences), "--bag": args.bag or ""}
+    return {"the command": "generate", **settings, **options, **code_identity()}
 
 
 def _scene(args: argparse.Namespace) -> SceneConfig:
@@ -78,28 +97,43 @@ def _scene(args: argparse.Namespace) -> SceneConfig:
     return dataclasses.replace(scene, width=args.size[0], height=args.size[1]) if args.size else scene
 
 
-def _write_sequence(folder: Path, scene: SceneConfig, bag: str | None) -> None:
+def _write_sequence(journal: JournalPart, scene: SceneConfig, bag: str | None) -> None:
     """Write a sequence as dataset folder, and as rosbag where `bag` names a format."""
     from lrtrav_ros.io.bag_writer import write_stereo_bag
     from lrtrav_ros.io.dataset_folder import write_calibration
 
-    write_calibration(folder, scene.camera, scene.width, scene.height)
-    frames = _written(folder, scene)
+    write_calibration(journal.folder, scene.camera, scene.width, scene.height)
+    frames = _written(journal, scene)
     if bag:
-        write_stereo_bag(folder / ("stereo.bag" if bag == "rosbag1" else "bag"), frames, format=bag)
+        path = journal.folder / ("stereo.bag" if bag == "rosbag1" else "bag")
+        _remove(path)
+        write_stereo_bag(path, frames, format=bag)
     for _ in frames:
         pass
 
 
-def _written(folder: Path, scene: SceneConfig) -> Iterator[Frame]:
-    """Render the frames, write each into the dataset folder, and yield it."""
+def _remove(path: Path) -> None:
+    """Remove a bag, that of a run that was interrupted later on."""
+    if path.is_dir():
+        shutil.rmtree(path)
+    path.unlink(missing_ok=True)
+
+
+def _written(journal: JournalPart, scene: SceneConfig) -> Iterator[Frame]:
+    """Render the frames that were not finished before, write each into the dataset folder, and yield it."""
     from tqdm import tqdm
 
-    from lrtrav_ros.io.dataset_folder import write_frame
+    from lrtrav_ros.io.atomic_files import write_bytes
+    from lrtrav_ros.io.dataset_folder import frame_files
     from lrtrav_ros.synthetic.rendering import render_sequence
 
-    for item in tqdm(render_sequence(scene), desc=folder.name, total=scene.n_frames, unit="frame", disable=None):
-        write_frame(folder, item.frame, truth=item.truth, disparity=item.disparity, height_m=item.height_m)
+    total, first = scene.n_frames, len(journal.finished)
+    rendered = render_sequence(scene, first=first)
+    for item in tqdm(rendered, desc=journal.name or None, total=total, initial=first, unit="frame", disable=None):
+        files = frame_files(item.frame, truth=item.truth, disparity=item.disparity, height_m=item.height_m)
+        for path, data in files.items():
+            write_bytes(journal.folder / path, data)
+        journal.note(item.frame.name, files)
         yield item.frame
 
 

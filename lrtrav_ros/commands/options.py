@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import re
 import sys
 import textwrap
 from collections.abc import Mapping
@@ -11,6 +12,8 @@ from pathlib import Path
 from lrtrav_ros.commands.usage_error import UsageError
 from lrtrav_ros.config import PRESETS, Config, Value, find_parameter, parameters
 from lrtrav_ros.io.parameter_file import ParameterFile, read_parameter_file
+
+_ADDRESS = re.compile(r"((tcp|tls|ws|wss)://)?([^\s/:]+|\[[0-9a-fA-F:.]+\]):(?P<port>\d{1,5})")
 
 
 def add_detection_options(parser: argparse.ArgumentParser) -> None:
@@ -47,6 +50,7 @@ def add_parallel_options(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--cluster",
+        type=_address,
         metavar="ADDRESS",
         help="Dask scheduler, such as tcp://host:8786, whose workers are used instead; "
         "they see the inputs under the same paths (needs lrtrav_ros[cluster])",
@@ -81,6 +85,14 @@ def _jobs(text: str) -> int:
     if not text.isdecimal():
         raise argparse.ArgumentTypeError(f"{text!r} is not a number of processes; give 0 for one on each processor")
     return int(text)
+
+
+def _address(text: str) -> str:
+    """Return the address of a scheduler; raises what argparse reports. Dask tries what is none for long."""
+    match = _ADDRESS.fullmatch(text)
+    if match is None or not 0 < int(match["port"]) < 1 << 16:
+        raise argparse.ArgumentTypeError(f"{text!r} is no address of a scheduler; write it as tcp://host:8786")
+    return text
 
 
 def config_from(args: argparse.Namespace, *, defaults: Mapping[str, Value] | None = None) -> Config:

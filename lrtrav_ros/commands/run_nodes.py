@@ -34,6 +34,8 @@ class NodesCommand:
         # The imports take a second: a signal in that time ends the process as well as a later one does.
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, lambda *_: os._exit(0))
+        # One may have come while `run_nodes` restarted the process, and waits.
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, (signal.SIGINT, signal.SIGTERM))
         from lrtrav_ros.nodes.process import run_nodes
 
         return run_nodes(self.nodes, ros_args=args.ros_args)

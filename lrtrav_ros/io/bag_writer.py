@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import shutil
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from types import TracebackType
@@ -13,6 +12,7 @@ from rosbags import rosbag1, rosbag2
 from rosbags.typesys import Stores, get_typestore
 
 from lrtrav_ros.frame import Frame
+from lrtrav_ros.io.atomic_files import named_errors, scratch_folder, sync_file
 from lrtrav_ros.io.bag_messages import ROS2, camera_info_message, disparity_message, header_message, image_message
 from lrtrav_ros.io.topics import (
     DEPTH_IMAGE,
@@ -65,16 +65,18 @@ def write_stereo_bag(
     if path.exists():
         raise FileExistsError(f"{path}: exists; remove it or choose another name")
     # The files of a ROS 2 bag carry the folder's name, therefore it is the folder around it that is temporary.
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-    temporary.mkdir(parents=True)
-    try:
-        with _Writer(temporary / path.name, format) as writer:
+    with scratch_folder(path) as folder, named_errors(path):
+        with _Writer(folder / path.name, format) as writer:
             for frame in frames:
                 for topic, message in _messages_of(frame, frame_id):
                     writer.write(topic, message, _checked_stamp_ns(frame))
-        (temporary / path.name).replace(path)
-    finally:
-        shutil.rmtree(temporary)
+        for file in _files_of(folder / path.name):
+            sync_file(file)
+        (folder / path.name).replace(path)
+
+
+def _files_of(bag: Path) -> list[Path]:
+    return sorted(bag.iterdir()) if bag.is_dir() else [bag]
 
 
 class _Writer:

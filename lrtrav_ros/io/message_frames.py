@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,15 +12,43 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lrtrav_ros.camera import StereoCamera
+from lrtrav_ros.config import MAX_PIXELS
 from lrtrav_ros.frame import Frame, Image
 from lrtrav_ros.io.camera_info import check_same_window, depth_camera, disparity_camera, raw_pair_of, stereo_camera
 from lrtrav_ros.io.encodings import decode_message
+from lrtrav_ros.io.image_headers import check_pixels
 from lrtrav_ros.io.serialized_message import SerializedMessage
+from lrtrav_ros.numerics.checks import check_type
 from lrtrav_ros.pose import Pose
 from lrtrav_ros.rectification import rectification
 from lrtrav_ros.registration import DepthRegistration
 
 _MILLIMETRES = 1000
+
+
+class PartError(ValueError):
+    """A message that no frame can be made of.
+
+    Parameters
+    ----------
+    part : str
+        Which one of a frame's messages it is: ``left`` or ``partner``.
+    reason : str
+        What is wrong with it.
+    """
+
+    def __init__(self, part: str, reason: str) -> None:
+        super().__init__(reason)
+        self.part = part
+
+
+@contextmanager
+def blaming(part: str) -> Iterator[None]:
+    """Raise each ValueError within as `PartError` of a part of the frame."""
+    try:
+        yield
+    except ValueError as err:
+        raise PartError(part, str(err)) from err
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -65,38 +95,61 @@ class FrameMessages:
         return header_stamp_ns(self)
 
     def decoded(self) -> FrameMessages:
-        """Return the messages with no image serialised any more; raises ValueError where one is damaged."""
-        images = (self.left, self.partner)
-        left, partner = (item.decode() if isinstance(item, SerializedMessage) else item for item in images)
-        return dataclasses.replace(self, left=left, partner=partner)
+        """Return the messages with no image serialised any more; raises PartError where one is damaged."""
+        images = {"left": self.left, "partner": self.partner}
+        return dataclasses.replace(self, **{part: _decoded(part, image) for part, image in images.items()})
+
+
+def _decoded(part: str, image: Any) -> Any:
+    with blaming(part):
+        return image.decode() if isinstance(image, SerializedMessage) else image
 
 
 def header_stamp_ns(message: Any) -> int:
     """Return the header stamp of a message in nanoseconds."""
-    stamp = message.header.stamp
+    return stamp_to_ns(message.header.stamp)
+
+
+def stamp_to_ns(stamp: Any) -> int:
+    """Return a ``builtin_interfaces/Time`` in nanoseconds; below 0 before 1970."""
     return int(stamp.sec) * 10**9 + int(stamp.nanosec)
 
 
-def frame_of(messages: FrameMessages) -> Frame:
+def frame_of(messages: FrameMessages, *, max_pixels: int = MAX_PIXELS) -> Frame:
     """Return the frame that messages hold, named by its stamp in nanoseconds.
+
+    Parameters
+    ----------
+    messages : FrameMessages
+        The messages.
+    max_pixels : int
+        Most pixels that each of its images may have.
 
     Raises
     ------
     ValueError
-        If a message is not whole, the calibration has no focal length or baseline or cannot rectify, or sizes or types
-        do not fit each other; see `Frame`.
+        If a message is not whole (`PartError`), the calibration has no focal length or baseline or cannot rectify, or
+        sizes or types do not fit each other; see `Frame`.
     """
     stamp_ns = messages.stamp_ns
-    left = None if messages.left is None else decode_message(messages.left)
+    with blaming("left"):
+        left = None if messages.left is None else decode_message(messages.left, max_pixels=max_pixels)
     right = disparity = depth_m = None
-    if messages.source == "stereo":
-        right = decode_message(messages.partner)
-    elif messages.source == "disparity":
-        disparity = disparity_in_pixels(messages.partner)
-    else:
-        depth_m = _depth_m(messages)
+    with blaming("partner"):
+        if messages.source == "stereo":
+            right = decode_message(messages.partner, max_pixels=max_pixels)
+        elif messages.source == "disparity":
+            disparity = disparity_in_pixels(messages.partner, max_pixels=max_pixels)
+        else:
+            depth_m = depth_in_metres(decode_message(messages.partner, max_pixels=max_pixels))
+    camera = _camera(messages)
+    if camera.width is not None and camera.height is not None:
+        # Depth is registered to an image of this size, whatever the size of its own.
+        check_pixels("left CameraInfo", height=camera.height, width=camera.width, max_pixels=max_pixels)
+    if depth_m is not None:
+        depth_m = _registered(depth_m, messages)
     frame = Frame(
-        camera=_camera(messages),
+        camera=camera,
         left=left,
         right=right,
         disparity=disparity,
@@ -118,9 +171,8 @@ def _rectified(frame: Frame, messages: FrameMessages) -> Frame:
     return dataclasses.replace(frame, left=left, right=right, unseen=pair.unseen)
 
 
-def _depth_m(messages: FrameMessages) -> NDArray[np.float32]:
+def _registered(depth_m: NDArray[np.float32], messages: FrameMessages) -> NDArray[np.float32]:
     """Return the depth of each pixel of the left image, in metres."""
-    depth_m = depth_in_metres(decode_message(messages.partner))
     camera = depth_camera(messages.left_info)
     if messages.depth_info is not None and messages.depth_pose is not None:
         return DepthRegistration(depth_camera(messages.depth_info), camera, messages.depth_pose).registered(depth_m)
@@ -140,7 +192,7 @@ def _camera(messages: FrameMessages) -> StereoCamera:
     return depth_camera(messages.left_info, messages.right_info)
 
 
-def disparity_in_pixels(message: Any) -> NDArray[np.float32]:
+def disparity_in_pixels(message: Any, *, max_pixels: int = MAX_PIXELS) -> NDArray[np.float32]:
     """Return the image of a ``stereo_msgs/DisparityImage`` (H, W), with 0 for what is below its least disparity.
 
     Raises
@@ -148,7 +200,7 @@ def disparity_in_pixels(message: Any) -> NDArray[np.float32]:
     ValueError
         If the message is not whole, or its image is not (H, W) of float32.
     """
-    image = decode_message(message.image)
+    image = decode_message(message.image, max_pixels=max_pixels)
     if image.ndim != 2 or image.dtype != np.float32:
         raise ValueError(f"disparity image has shape {image.shape} and type {image.dtype}; give 32FC1")
     return np.where(image >= message.min_disparity, image, np.float32(0))
@@ -162,6 +214,7 @@ def depth_in_metres(image: Image) -> NDArray[np.float32]:
     ValueError
         If the image is not (H, W) of uint16 or float32.
     """
+    check_type("depth image", image, np.ndarray)
     if image.ndim != 2 or image.dtype not in (np.uint16, np.float32):
         raise ValueError(f"depth image has shape {image.shape} and type {image.dtype}; give 16UC1 [mm] or 32FC1 [m]")
     return image.astype(np.float32) / np.float32(_MILLIMETRES) if image.dtype == np.uint16 else image

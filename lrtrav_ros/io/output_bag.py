@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import os
-import shutil
 from collections.abc import Callable
-from contextlib import closing, suppress
+from contextlib import ExitStack, closing, suppress
 from pathlib import Path
 from types import TracebackType
 
 from rosbags import rosbag2
 from rosbags.interfaces import Connection
 
+from lrtrav_ros.io.atomic_files import named_errors, scratch_folder, sync_file
 from lrtrav_ros.io.bag_frames import StereoBag
 from lrtrav_ros.io.bag_reader import BagMessage, BagReader
 from lrtrav_ros.io.message_definitions import MessageDefinition, own_definition, recorded_definition
@@ -23,7 +22,7 @@ from lrtrav_ros.io.topics import LEFT_RAW, namespace_of
 class OutputBag:
     """Copies a bag to an MCAP file, with the outputs of its frames at the times of their left images.
 
-    It is written under a temporary name beside `path`, and only gets its own when `finish` is called.
+    It is written into a hidden folder beside `path`, and only gets its own name when `finish` is called.
 
     Parameters
     ----------
@@ -53,17 +52,16 @@ class OutputBag:
         self._output_topics = output_topics(self.layout, source=bag.source)
         self._connections: dict[tuple[str, str], Connection] = {}
         self._left_times_ns: dict[int, int] = {}
-        self._reader = BagReader(bag.reader.path)
-        self._inputs = self._reader.messages()
-        # A bag is a folder, of which one file is wanted.
-        self._folder = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-        self._writer = rosbag2.Writer(self._folder, version=9, storage_plugin=rosbag2.StoragePlugin.MCAP)
-        self._writer.set_compression(rosbag2.CompressionMode.STORAGE, rosbag2.CompressionFormat.ZSTD)
-        try:
-            self._writer.open()
-        except BaseException:
-            self._reader.close()
-            raise
+        with ExitStack() as opened:
+            self._reader = opened.enter_context(BagReader(bag.reader.path))
+            self._inputs = opened.enter_context(closing(self._reader.messages()))
+            # A bag is a folder, of which one file is wanted.
+            self._folder = opened.enter_context(scratch_folder(path)) / "bag"
+            self._writer = rosbag2.Writer(self._folder, version=9, storage_plugin=rosbag2.StoragePlugin.MCAP)
+            self._writer.set_compression(rosbag2.CompressionMode.STORAGE, rosbag2.CompressionFormat.ZSTD)
+            with named_errors(path):
+                self._writer.open()
+            self._opened = opened.pop_all()
 
     def __enter__(self) -> OutputBag:
         return self
@@ -72,26 +70,28 @@ class OutputBag:
         self, kind: type[BaseException] | None, err: BaseException | None, trace: TracebackType | None
     ) -> None:
         """Close; what is not finished is removed."""
-        self._inputs.close()
-        self._reader.close()
-        if self._writer.storage is not None:
-            self._writer.abort()
-        if self._folder.exists():
-            shutil.rmtree(self._folder)
+        with self._opened:
+            if self._writer.storage is not None:
+                with suppress(OSError):  # a full disk does not take the rest of what is removed either
+                    self._writer.abort()
 
     def write(self, outputs: FrameOutputs) -> None:
         """Write the outputs of a frame, after all that was recorded up to its left image."""
-        time_ns = self._copy_up_to(outputs.stamp_ns)
-        for message in outputs.messages:
-            connection = self._connection(message.topic, message.type, own_definition)
-            self._writer.write(connection, time_ns, message.data)
+        with named_errors(self._path):
+            time_ns = self._copy_up_to(outputs.stamp_ns)
+            for message in outputs.messages:
+                connection = self._connection(message.topic, message.type, own_definition)
+                self._writer.write(connection, time_ns, message.data)
 
     def finish(self) -> None:
         """Copy the rest of the bag, and give the file its name."""
-        for message in self._inputs:
-            self._copy(message)
-        self._writer.close()
-        (self._folder / f"{self._folder.name}.mcap").replace(self._path)
+        with named_errors(self._path):
+            for message in self._inputs:
+                self._copy(message)
+            self._writer.close()
+            written = self._folder / f"{self._folder.name}.mcap"
+            sync_file(written)
+            written.replace(self._path)
 
     def _copy_up_to(self, stamp_ns: int) -> int:
         """Copy messages up to the left image with a stamp; return the time at which it was received."""

@@ -1,14 +1,13 @@
-"""The output of an offline detection, and the folder that it is written to."""
+"""The output of an offline detection, and the files that it is written to."""
 
 from __future__ import annotations
 
 import csv
 import dataclasses
+import io
 import math
 import os
-import shutil
-from collections.abc import Callable, Collection, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
@@ -22,10 +21,12 @@ from lrtrav_ros.config import Config, MapsConfig
 from lrtrav_ros.detector import Detection, StageTimes
 from lrtrav_ros.frame import to_grey
 from lrtrav_ros.io import pictures
-from lrtrav_ros.io.atomic_files import write_bytes
+from lrtrav_ros.io.atomic_files import named_errors, write_all, write_bytes
+from lrtrav_ros.io.csv_cells import cells
 from lrtrav_ros.io.image_files import encode_file, scaled_disparity
 from lrtrav_ros.io.output_messages import FrameOutputs
 from lrtrav_ros.io.parameter_file import dump_parameters
+from lrtrav_ros.io.run_journal import JournalPart
 from lrtrav_ros.mapping.grid import ground_grid
 from lrtrav_ros.method.ground import NO_GROUND
 from lrtrav_ros.method.textures import weber_descriptor
@@ -150,18 +151,21 @@ class ResultFolder:
     Parameters
     ----------
     path : Path
-        Folder to make; an empty one may be there.
+        Folder to make; an empty one may be there, or that of the run that is resumed.
     config : Config
         The run's settings, for ``config.yaml``.
+    journal : JournalPart, optional
+        Where to note frames that are written; its rows of frames that were finished before come first in the table.
     """
 
-    def __init__(self, path: Path, config: Config) -> None:
-        self.path = path
-        path.mkdir(parents=True, exist_ok=True)
+    def __init__(self, path: Path, config: Config, *, journal: JournalPart | None = None) -> None:
+        self._path = path
+        self._journal = journal
+        self._table = path / "frames.csv"
+        rows = [frame.row for frame in journal.finished] if journal else []
         write_bytes(path / "config.yaml", dump_parameters(config).encode())
-        self._table = (path / "frames.csv").open("w", newline="", encoding="utf-8", buffering=1)
-        self._rows = csv.DictWriter(self._table, _COLUMNS)
-        self._rows.writeheader()
+        write_bytes(self._table, _table(rows))
+        self._file = os.open(self._table, os.O_WRONLY | os.O_APPEND)
 
     def __enter__(self) -> ResultFolder:
         return self
@@ -169,13 +173,26 @@ class ResultFolder:
     def __exit__(
         self, kind: type[BaseException] | None, err: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self._table.close()
+        os.close(self._file)
 
     def write(self, result: FrameResult) -> None:
-        """Write a frame's files and row."""
+        """Write a frame's files, then its row, and note that they are there."""
         for path, data in result.files.items():
-            write_bytes(self.path / path, data)
-        self._rows.writerow(result.row)
+            write_bytes(self._path / path, data)
+        with named_errors(self._table):
+            write_all(self._file, _table([result.row], with_header=False))
+        if self._journal is not None:
+            self._journal.note(result.name, result.files, row=result.row)
+
+
+def _table(rows: Iterable[Mapping[str, str]], *, with_header: bool = True) -> bytes:
+    """Return rows of ``frames.csv``, in which no name is a formula: see `csv_cells`."""
+    text = io.StringIO(newline="")
+    table = csv.DictWriter(text, _COLUMNS)
+    if with_header:
+        table.writeheader()
+    table.writerows(map(cells, rows))
+    return text.getvalue().encode()
 
 
 def _row(name: str, detection: Detection, camera: StereoCamera) -> dict[str, str]:
@@ -198,33 +215,3 @@ def _row(name: str, detection: Detection, camera: StereoCamera) -> dict[str, str
     row["n_superpixels"] = int(detection.long_range.superpixels.max()) + 1
     row["n_clusters"] = int(detection.long_range.superpixel_clusters.max()) + 1
     return {key: str(value) for key, value in row.items()}
-
-
-@contextmanager
-def output_folder(path: Path, *, overwrite: bool = False) -> Iterator[Path]:
-    """Yield the folder to write to, so that a finished result is never lost to an unfinished one.
-
-    A new or empty folder is written to as it is. One that holds something is only replaced with `overwrite`, and only
-    when the new one is finished.
-
-    Raises
-    ------
-    FileExistsError
-        If there is something at `path` and `overwrite` is not set.
-    """
-    path = path.resolve()  # what a link points to is replaced, not the link
-    if not path.exists() or (path.is_dir() and not any(path.iterdir())):
-        yield path
-        return
-    if not overwrite or not path.is_dir():
-        raise FileExistsError(f"{path} exists and is not an empty folder; choose another or give --overwrite")
-    new = path.with_name(f".{path.name}.{os.getpid()}.new")
-    try:
-        yield new
-        old = path.with_name(f".{path.name}.{os.getpid()}.old")
-        path.rename(old)
-        new.rename(path)
-        shutil.rmtree(old)
-    finally:
-        if new.exists():
-            shutil.rmtree(new)

@@ -45,6 +45,11 @@ class SerializedMessage:
         seconds, nanoseconds = struct.unpack_from(f"{order}iI", self.data, _KIND_BYTES)
         return int(seconds) * 10**9 + int(nanoseconds)
 
+    @property
+    def without_stamp(self) -> bytes:
+        """All but the header's stamp: the same in messages that say the same."""
+        return self.data[:_KIND_BYTES] + self.data[_STAMP_END:]
+
     def decode(self) -> Any:
         """Return the message; its arrays are read-only views of `data`.
 

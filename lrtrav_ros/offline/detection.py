@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import threading
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import lru_cache, partial
@@ -19,8 +19,10 @@ from lrtrav_ros.io.bag_frames import StereoBag, UnusableFrame
 from lrtrav_ros.io.dataset_folder import FrameFile
 from lrtrav_ros.io.output_bag import OutputBag
 from lrtrav_ros.io.output_messages import OutputLayout, frame_outputs
-from lrtrav_ros.io.recording import RecordedFrame, Recording, open_recording
+from lrtrav_ros.io.problems import Problems
+from lrtrav_ros.io.recording import RecordedFrame, Recording, is_damaged, open_recording
 from lrtrav_ros.io.result_folder import FrameResult, ResultFolder, frame_result, unusable_frame
+from lrtrav_ros.io.run_journal import FinishedFrame, JournalPart
 from lrtrav_ros.offline.parallel import TaskFailure, run_tasks
 
 
@@ -38,12 +40,18 @@ class Outcome:
         Frames among those written in which no ground line was found.
     problems : tuple of str
         One line for all that could not be used, with the reason.
+    n_kept : int
+        Frames among all these that were finished before.
+    is_damaged : bool
+        Whether something of a rosbag is damaged or lost.
     """
 
     n_done: int
     n_skipped: int
     n_without_ground: int
     problems: tuple[str, ...]
+    n_kept: int = 0
+    is_damaged: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,6 +77,7 @@ def detect_recording(
     topics: Mapping[str, str] | None = None,
     jobs: int = 1,
     cluster: str | None = None,
+    journal: JournalPart | None = None,
 ) -> Outcome:
     """Detect in all frames of a dataset folder or rosbag and write the results; see `result_folder.ResultFolder`.
 
@@ -76,7 +85,8 @@ def detect_recording(
     `parallel.run_tasks`; only this process writes. A bag is read by this process, a folder's frames by those that
     detect in them. Memories (``memory.frames``, ``ground.memory_s``) are empty when the recording begins. `output_bag`
     is the MCAP file to make of a bag, see `output_bag.OutputBag`, or to replace, when a frame could be used and all is
-    done. `topics` are the bag's for the inputs that are not to be searched for, see `StereoBag`.
+    done. `topics` are the bag's for the inputs that are not to be searched for, see `StereoBag`. `journal` notes which
+    frames are finished; those that it says were before are not done again, see `can_keep_frames`.
 
     Raises
     ------
@@ -88,13 +98,43 @@ def detect_recording(
     detect = partial(detect_frame, detector=Detector(config)) if is_here else detect_frame
     with ExitStack() as stack:
         recording = stack.enter_context(open_recording(path, config.source, topics=topics))
-        folder = stack.enter_context(ResultFolder(output, config))
+        folder = stack.enter_context(ResultFolder(output, config, journal=journal))
         bag = None if output_bag is None else stack.enter_context(_output_bag(output_bag, recording))
         layout = None if bag is None else bag.layout
-        tasks = _tasks(recording, config, extras, layout, single_threaded=not is_here)
+        finished = journal.finished if journal else ()
+        tasks = _tasks(_pending(recording, finished), config, extras, layout, single_threaded=not is_here)
         results = run_tasks(detect, tasks, jobs=jobs, cluster=cluster)
-        bar = tqdm(results, desc=path.name, total=len(recording), unit="frame", disable=None)
-        return _written(bar, path, recording, folder, bag)
+        total, n_kept = len(recording), len(finished)
+        bar = tqdm(results, desc=path.name, total=total, initial=n_kept, unit="frame", disable=None)
+        frames = [*map(_WrittenFrame.finished_before, finished), *_written(bar, folder, bag)]
+        if bag is not None and any(frame.is_usable for frame in frames):
+            if journal is not None:
+                journal.journal.note_bag()
+            bag.finish()
+        problems = [*recording.problems, *(bag.problems if bag else ())]
+        outcome = _outcome(path, frames, problems, n_kept=n_kept)
+        return dataclasses.replace(outcome, is_damaged=is_damaged(recording))
+
+
+def can_keep_frames(config: Config, *, output_bag: Path | None) -> bool:
+    """Return whether an interrupted detection goes on where it was, or begins anew.
+
+    It begins anew where frames need those before them, and where messages of all frames are wanted.
+    """
+    return not config.memories and output_bag is None
+
+
+@dataclass(frozen=True, slots=True)
+class _WrittenFrame:
+    """What is counted of a frame: whether it could be used, and its problem."""
+
+    name: str
+    is_usable: bool
+    problem: str
+
+    @classmethod
+    def finished_before(cls, frame: FinishedFrame) -> _WrittenFrame:
+        return cls(frame.name, bool(frame.checksums), frame.row.get("problem", ""))
 
 
 def _output_bag(path: Path, recording: Recording) -> OutputBag:
@@ -106,29 +146,32 @@ def _output_bag(path: Path, recording: Recording) -> OutputBag:
 
 
 def _written(
-    results: Iterable[FrameResult | TaskFailure],
-    path: Path,
-    recording: Recording,
-    folder: ResultFolder,
-    bag: OutputBag | None,
-) -> Outcome:
-    """Write the results of the frames as they come, and count them."""
-    n_done = n_without_ground = 0
-    skipped = []
+    results: Iterable[FrameResult | TaskFailure], folder: ResultFolder, bag: OutputBag | None
+) -> Iterator[_WrittenFrame]:
+    """Write the results of the frames as they come."""
     for result in results:
         if isinstance(result, TaskFailure):
             raise RuntimeError(result.message)
         folder.write(result)
         if bag is not None and result.outputs is not None:
             bag.write(result.outputs)
-        n_done += bool(result.files)
-        n_without_ground += bool(result.files and result.problem)
-        if not result.files:
-            skipped.append(f"{path}: skipped frame {result.name}: {result.problem}")
-    if bag is not None and n_done:
-        bag.finish()
-    problems = [*recording.problems, *skipped, *(bag.problems if bag else ())]  # a bag has named its own skipped ones
-    return Outcome(n_done, len(skipped), n_without_ground, tuple(dict.fromkeys(problems)))
+        yield _WrittenFrame(result.name, bool(result.files), result.problem)
+
+
+def _outcome(path: Path, frames: Sequence[_WrittenFrame], problems: Sequence[str], *, n_kept: int) -> Outcome:
+    """Count the frames."""
+    usable = [frame for frame in frames if frame.is_usable]
+    skipped = Problems()
+    for i, frame in enumerate(frames):
+        if not frame.is_usable:
+            skipped.add(f"{path}: skipped frame {frame.name}: {frame.problem}", kind=frame.problem, case=i)
+    return Outcome(
+        n_done=len(usable),
+        n_skipped=len(frames) - len(usable),
+        n_without_ground=sum(bool(frame.problem) for frame in usable),
+        problems=tuple(dict.fromkeys([*problems, *skipped.lines()])),  # a bag has named its own skipped ones
+        n_kept=n_kept,
+    )
 
 
 def check_order(config: Config, *, jobs: int, cluster: str | None) -> None:
@@ -155,8 +198,18 @@ def check_order(config: Config, *, jobs: int, cluster: str | None) -> None:
         )
 
 
+def _pending(recording: Recording, finished: Sequence[FinishedFrame]) -> Iterator[RecordedFrame]:
+    """Yield the frames after those that were finished before."""
+    items = recording.items()
+    for frame in finished:
+        item = next(items, None)
+        if item is None or item.name != frame.name:
+            raise RuntimeError(f"frame {frame.name} was finished before, but is not there any more; give --overwrite")
+    yield from items
+
+
 def _tasks(
-    recording: Recording,
+    items: Iterable[RecordedFrame],
     config: Config,
     extras: tuple[str, ...],
     layout: OutputLayout | None,
@@ -165,7 +218,7 @@ def _tasks(
 ) -> Iterator[DetectionTask]:
     if single_threaded and config.threads == 0:
         config = config.updated({"threads": 1})
-    for item in recording.items():
+    for item in items:
         yield DetectionTask(item, config, extras, layout)
 
 

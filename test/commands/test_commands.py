@@ -195,6 +195,17 @@ def test_benchmark_prints_every_stage_and_writes_json(tmp_path: Path, capsys: py
     assert all(name in printed for name in (*expected, "frames/s", "memory: at most"))
 
 
+def test_benchmark_refuses_files_that_cannot_be_written_before_it_measures(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("lrtrav_ros.benchmark.figures.measure", None)
+    sweep = ["--sizes", "160x120,240x160"]
+    for option, path in (("--json", Path("/proc/figures.json")), ("--chart", tmp_path / "folder.svg")):
+        (tmp_path / "folder.svg").mkdir(exist_ok=True)
+        assert run("benchmark", [*sweep, *TINY, option, str(path)]) == 1
+        assert str(path) in capsys.readouterr().err
+
+
 def test_benchmark_of_several_sizes_and_numbers_of_superpixels_draws_how_time_grows(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -280,8 +291,8 @@ def test_benchmark_measures_running_nodes(tmp_path: Path, capsys: pytest.Capture
 
 def test_demo_shows_all_of_it(tmp_path: Path) -> None:
     output = tmp_path / "demo"
-    command = [sys.executable, "-m", "lrtrav_ros", "demo", "--output", str(output), "--frames", "3", "--rate", "0.5"]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+    command = [sys.executable, "-m", "lrtrav_ros", "demo", "--output", str(output), "--frames", "3", "--rate", "0.1"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=300, check=False)
     assert done.returncode == 0, done.stderr
     assert "3 of 3 frames detected" in done.stdout
     rows = {line.split()[0]: line.split()[1:] for line in done.stdout.splitlines() if "_range " in line}

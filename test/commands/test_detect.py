@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import re
+import resource
 import shutil
 import subprocess
 import sys
@@ -20,6 +21,7 @@ from lrtrav_ros.evaluation.scoring.scores import score
 from lrtrav_ros.frame import Frame
 from lrtrav_ros.io import bag_writer
 from lrtrav_ros.io.bag_writer import FORMATS, write_stereo_bag
+from lrtrav_ros.io.folder_lock import locked_folder
 from lrtrav_ros.io.image_files import read_disparity, read_image, write_image
 from lrtrav_ros.io.parameter_file import read_parameter_file
 from lrtrav_ros.io.result_folder import EXTRAS, ResultFolder
@@ -508,7 +510,7 @@ def test_calibration_that_cannot_be_is_refused(out, tmp_path, capsys, values, me
     path = write_dataset(tmp_path / "input", frames(), **values)
     assert detect(path, out) == 1
     printed = capsys.readouterr().err.splitlines()
-    assert len(printed) == N_FRAMES + 1
+    assert len(printed) == 1 + (N_FRAMES if "width" in values else 1)  # the same reason is told once
     assert all(message in line for line in printed[:-1])
     assert printed[-1] == f"detect: {path}: none of its {N_FRAMES} frames could be used"
     assert [row["name"] for row in rows(out)] == NAMES
@@ -591,14 +593,13 @@ def test_truncated_bag_is_read_as_far_as_it_goes(detected, out, tmp_path, capsys
     printed = capsys.readouterr().err
     assert "Traceback" not in printed
     assert re.search("damaged|intact", printed)
-    if status == 0:
-        done = [row["name"] for row in rows(out) if not row["problem"]]
-        assert 1 <= len(done) < N_FRAMES
-        for name in done:
-            expected = (detected / "long_range" / f"{name}.png").read_bytes()
-            assert (out / "long_range" / f"{name}.png").read_bytes() == expected
-    else:
-        assert status == 1
+    assert status == 1  # something is lost, though what is left is done
+    assert printed.endswith(f"{bag}: is damaged; what could be read of it is done\n")
+    done = [row["name"] for row in rows(out) if not row["problem"]]
+    assert 1 <= len(done) < N_FRAMES
+    for name in done:
+        expected = (detected / "long_range" / f"{name}.png").read_bytes()
+        assert (out / "long_range" / f"{name}.png").read_bytes() == expected
 
 
 # Images with nothing to see
@@ -700,3 +701,136 @@ def test_process_prints_no_progress_where_there_is_no_terminal(dataset, out):
     )
     assert (done.returncode, done.stderr) == (0, "")
     assert done.stdout == f"{N_FRAMES} frames: {out}\n"
+
+
+def test_address_of_no_scheduler_is_wrong_usage(dataset, out, capsys):
+    for address in ("nonsense", "tcp://127.0.0.1:99999", "foo://127.0.0.1:1"):
+        with pytest.raises(SystemExit) as stopped:
+            detect(dataset, out, "--cluster", address)
+        assert stopped.value.code == 2
+        message = f"argument --cluster: '{address}' is no address of a scheduler; write it as tcp://host:8786\n"
+        assert capsys.readouterr().err.endswith(message)
+    assert not out.exists()
+
+
+# Interrupted, and beside another run
+
+
+def interrupt_after(monkeypatch, n_frames, error=KeyboardInterrupt):
+    """Have runs end after so many frames; return the list of frames that are written."""
+    written, write = [], ResultFolder.write
+
+    def write_or_end(self, result):
+        if len(written) == n_frames:
+            raise error
+        written.append(result.name)
+        write(self, result)
+
+    monkeypatch.setattr(ResultFolder, "write", write_or_end)
+    return written
+
+
+@pytest.mark.parametrize(
+    ("is_bag", "options", "n_kept"),
+    [
+        (False, (), 2),
+        (True, (), 2),
+        (False, ("--jobs", "2"), 2),
+        (False, ("--set", "memory.frames=2"), 0),
+        (True, ("--output-bag", "BAG"), 0),
+    ],
+)
+def test_interrupted_run_resumes_and_ends_with_the_same_files(
+    dataset, out, tmp_path, capsys, monkeypatch, is_bag, options, n_kept
+):
+    path, bag = dataset, tmp_path / "out.mcap"
+    if is_bag:
+        path = tmp_path / "bag"
+        write_stereo_bag(path, frames())
+    options = [str(bag) if option == "BAG" else option for option in options]
+    whole = tmp_path / "whole"
+    assert detect(path, whole, *options) == 0
+    bag_of_whole = bag.read_bytes() if bag.exists() else b""
+    bag.unlink(missing_ok=True)
+    with monkeypatch.context() as patch:
+        interrupt_after(patch, 2)
+        assert detect(path, out, *options) == 130
+    assert not bag.exists()
+    assert len(rows(out)) == 2
+    capsys.readouterr()
+    with monkeypatch.context() as patch:
+        written = interrupt_after(patch, -1)
+        assert detect(path, out, *options) == 0
+    printed = capsys.readouterr()
+    assert written == NAMES[n_kept:]
+    assert printed.err == (f"{n_kept} frames were finished before\n" if n_kept else "")
+    assert printed.out == f"{N_FRAMES} frames: {out}\n"
+    assert contents(out) == contents(whole)
+    assert (bag.read_bytes() if bag.exists() else b"") == bag_of_whole
+
+
+def test_interrupted_run_keeps_the_frames_that_could_not_be_used(broken, out, capsys, monkeypatch):
+    (broken / "left" / f"{NAMES[0]}.png").write_bytes(b"no image")
+    with monkeypatch.context() as patch:
+        interrupt_after(patch, 2)
+        assert detect(broken, out) == 130
+    assert detect(broken, out) == 0
+    printed = capsys.readouterr()
+    assert printed.err.startswith(f"2 frames were finished before\n{broken}: skipped frame {NAMES[0]}: ")
+    assert printed.out == f"{N_FRAMES - 1} frames, 1 skipped: {out}\n"
+    assert [row["name"] for row in rows(out)] == NAMES
+
+
+def test_interrupted_run_of_several_inputs_resumes(dataset, detected, out, tmp_path, capsys, monkeypatch):
+    other = write_dataset(tmp_path / "other", frames())
+    with monkeypatch.context() as patch:
+        interrupt_after(patch, N_FRAMES + 1)
+        assert detect([dataset, other], out) == 130
+    assert detect([dataset, other], out) == 0
+    assert capsys.readouterr().err == f"{N_FRAMES} frames were finished before\n1 frames were finished before\n"
+    for name in ("dataset", "other"):
+        assert contents(out / name) == contents(detected)
+
+
+def test_run_is_not_resumed_where_something_changed(broken, out, capsys, monkeypatch):
+    with monkeypatch.context() as patch:
+        interrupt_after(patch, 2)
+        assert detect(broken, out) == 130
+    before = contents(out)
+    (broken / "left" / f"{NAMES[0]}.png").touch()
+    assert detect(broken, out, "--save", "wld", "--set", "clustering.k=5") == 1
+    changes = f"the files of {broken}, --save: none -> wld, clustering.k: 10 -> 5"
+    message = f"{out} holds what another run has not finished; since then changed: {changes}; choose another or give"
+    assert message in failure(capsys)
+    assert contents(out) == before
+    assert detect(broken, out, "--overwrite") == 0
+    assert len(rows(out)) == N_FRAMES
+    assert not list(out.parent.glob(".*"))
+
+
+def test_full_disk_is_named_and_the_run_resumed_when_there_is_space(dataset, detected, out, capsys):
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    largest = max(path.stat().st_size for path in (detected / "overlay").iterdir())
+    resource.setrlimit(resource.RLIMIT_FSIZE, (largest - 1, limits[1]))
+    try:
+        assert detect(dataset, out) == 1
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert re.fullmatch(rf"detect: \[Errno 27\] File too large: '{out}/overlay/\d+.jpg'\n", capsys.readouterr().err)
+    whole, _ = contents(detected)
+    if out.exists():
+        unfinished = [*out.rglob("*.png"), *out.rglob("*.jpg")]
+        assert all(path.read_bytes() == whole[path.relative_to(out)] for path in unfinished)
+        assert not [path for path in out.rglob(".*") if path.name != ".unfinished"]
+    assert detect(dataset, out) == 0
+    assert contents(out) == contents(detected)
+
+
+def test_second_run_into_a_folder_is_refused(dataset, out, capsys):
+    with locked_folder(out):
+        for options in ((), ("--overwrite",)):
+            assert detect(dataset, out, *options) == 1
+            assert failure(capsys).startswith(
+                f"detect: {out}: another run writes to it; let that end, or choose another"
+            )
+    assert not out.exists()

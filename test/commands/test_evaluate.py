@@ -6,6 +6,7 @@ import itertools
 import json
 import subprocess
 import sys
+from pathlib import Path
 
 import cluster as clusters
 import cv2
@@ -21,6 +22,8 @@ from lrtrav_ros.evaluation.scoring import evaluation_folder, evaluation_identity
 from lrtrav_ros.evaluation.scoring import methods as methods_module
 from lrtrav_ros.evaluation.scoring.score_records import MEAN, PaperScores, Summary, from_json
 from lrtrav_ros.evaluation.scoring.scores import score
+from lrtrav_ros.io.bag_writer import write_stereo_bag
+from lrtrav_ros.io.folder_lock import locked_folder
 from lrtrav_ros.io.image_files import read_image, write_image
 from lrtrav_ros.io.parameter_file import read_parameter_file
 
@@ -259,7 +262,7 @@ def test_interrupted_run_resumes_and_ends_with_the_same_files(dataset, evaluated
     monkeypatch.setattr(evaluation_folder, "evaluate_frame", interrupted)
     assert evaluate(dataset, output=output, options=usual("--save-masks")) == 130
     assert not (output / "scores.csv").exists()
-    (output / "records" / "road" / ".frame.json.1.tmp").write_text("{")  # as a killed process leaves it
+    (output / "records" / "road" / ".0123456789abcdef.1.tmp").write_text("{")  # as a killed process leaves it
     first = list(done)
     done.clear()
     assert evaluate(dataset, output=output, options=usual("--save-masks")) == 0
@@ -291,6 +294,33 @@ def test_run_after_a_killed_process_resumes(dataset, evaluated, tmp_path):
     assert contents(output) == contents(evaluated)
 
 
+def test_second_run_into_a_folder_is_refused(dataset, tmp_path, capsys):
+    with locked_folder(tmp_path / "out"):
+        assert evaluate(dataset, output=tmp_path / "out", options=("--methods", "uv_disparity")) == 1
+    assert capsys.readouterr().err.startswith(f"evaluate: {tmp_path / 'out'}: another run writes to it; let that end")
+
+
+def test_run_that_was_killed_while_it_kept_results_aside_resumes(broken, tmp_path, monkeypatch):
+    output, options = tmp_path / "out", ("--methods", "uv_disparity")
+    assert evaluate(broken, output=output, options=options) == 0
+    before = contents(output)
+    rename, moved = Path.rename, []
+
+    def killed(self, target):
+        moved.append(self.name)
+        if len(moved) == 3:
+            raise KeyboardInterrupt
+        return rename(self, target)
+
+    changed = (*options, "--unknown", "not-traversable")
+    with monkeypatch.context() as patch:
+        patch.setattr(Path, "rename", killed)
+        assert evaluate(broken, output=output, options=changed) == 130
+    assert evaluate(broken, output=output, options=changed) == 0
+    kept = {**contents(output / "superseded-1"), **contents(output / "superseded-2")}
+    assert kept == before
+
+
 def test_changed_settings_are_named_and_the_earlier_results_kept(broken, tmp_path, capsys):
     output = tmp_path / "out"
     assert evaluate(broken, output=output, options=("--methods", "robust,uv_disparity", "--save-masks")) == 0
@@ -319,7 +349,7 @@ def test_changed_code_is_named_and_nothing_is_ever_removed(broken, tmp_path, cap
     for digest in ("one", "two", "two", "three"):
         if output.exists():
             kept.append(contents(output))
-        monkeypatch.setattr(evaluation_identity, "code_digest", lambda package, digest=digest: digest)
+        monkeypatch.setattr(evaluation_identity, "code_digest", lambda package, without, digest=digest: digest)
         assert evaluate(broken, output=output, options=options) == 0
     first, second, again = kept
     assert first != second == again
@@ -393,6 +423,19 @@ def test_all_frames_failing_is_a_failure(broken, tmp_path, capsys):
         path.write_bytes(b"")
     assert evaluate(broken, output=tmp_path / "out", options=("--methods", "uv_disparity")) == 1
     assert len(summary_of(tmp_path / "out").sets[0].errors) == N_FRAMES
+
+
+def test_damaged_bag_is_told_by_the_status_of_every_run(tmp_path, capsys):
+    write_stereo_bag(tmp_path / "drive", frames())
+    bag, options = tmp_path / "cut.mcap", ("--methods", "uv_disparity", "--truth", str(tmp_path / "gt"))
+    for frame, item in zip(frames()[:2], rendered(), strict=False):
+        write_image(tmp_path / "gt" / f"{frame.stamp_ns}.png", item.truth)
+    whole = (tmp_path / "drive" / "drive.mcap").read_bytes()
+    for data, status in ((whole, 0), (whole[:-200], 1), (whole[:-200], 1)):
+        bag.write_bytes(data)
+        assert evaluate(bag, output=tmp_path / "out", options=options) == status
+        assert not summary_of(tmp_path / "out").sets[0].errors
+        assert ("cut.mcap: damaged or not finished" in capsys.readouterr().err) == (status == 1)
 
 
 def test_frame_without_ground_is_named_and_scored(broken, tmp_path, capsys):

@@ -2,14 +2,17 @@
 
 import argparse
 import json
+import signal
 
 import numpy as np
 import pytest
 
 from lrtrav_ros.commands import generate, run
 from lrtrav_ros.config import settings_of
+from lrtrav_ros.io import dataset_folder
 from lrtrav_ros.io.bag_frames import StereoBag
 from lrtrav_ros.io.dataset_folder import DatasetFolder, write_frame
+from lrtrav_ros.io.folder_lock import locked_folder
 from lrtrav_ros.io.image_files import read_image
 from lrtrav_ros.synthetic.rendering import render_sequence
 from lrtrav_ros.synthetic.scene_config import SceneConfig
@@ -64,8 +67,54 @@ def test_command_refuses_a_folder_with_files(tmp_path, capsys):
     assert run("generate", [str(tmp_path)]) == 1
     error = capsys.readouterr().err
     assert error.count("\n") == 1
-    assert f"{tmp_path}: exists; give a new or an empty folder" in error
+    assert f"{tmp_path} exists and is not an empty folder; choose another" in error
     assert [path.name for path in tmp_path.iterdir()] == ["mine.txt"]
+
+
+TINY = ("--frames", "3", "--size", "64x48")
+
+
+def contents(folder):
+    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+@pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+@pytest.mark.parametrize(("options", "n_kept"), [((), 2), (("--sequences", "2"), 4), (("--bag", "mcap"), 0)])
+def test_interrupted_command_leaves_nothing_temporary_and_resumes(
+    tmp_path, capsys, monkeypatch, number, status, options, n_kept
+):
+    folder, whole = tmp_path / "scene", tmp_path / "whole"
+    assert run("generate", [str(whole), *TINY, *options]) == 0
+    n_written, real = 0, dataset_folder.frame_files
+
+    def interrupted(*args, **kwargs):
+        nonlocal n_written
+        n_written += 1
+        if n_written > max(n_kept, 2) + n_kept // 4:  # the sequence before is finished
+            signal.raise_signal(number)
+        return real(*args, **kwargs)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(dataset_folder, "frame_files", interrupted)
+        try:
+            ended = run("generate", [str(folder), *TINY, *options])
+        except SystemExit as err:
+            ended = err.code
+    assert ended == status
+    assert {path.name for path in tmp_path.rglob(".*")} == {".unfinished"}
+    capsys.readouterr()
+    assert run("generate", [str(folder), *TINY, *options]) == 0
+    n_kept += n_kept // 4
+    assert capsys.readouterr().err == (f"{n_kept} frames were finished before\n" if n_kept else "")
+    found, expected = contents(folder), contents(whole)
+    assert found.keys() == expected.keys()
+    assert [name for name in found if found[name] != expected[name]] == []
+
+
+def test_second_command_into_a_folder_is_refused(tmp_path, capsys):
+    with locked_folder(tmp_path / "out"):
+        assert run("generate", [str(tmp_path / "out"), *TINY]) == 1
+    assert capsys.readouterr().err.startswith(f"generate: {tmp_path / 'out'}: another run writes to it; let that end")
 
 
 @pytest.mark.parametrize(

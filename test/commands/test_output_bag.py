@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import resource
 import signal
 
 import numpy as np
@@ -11,11 +12,13 @@ from rosbags import rosbag1
 from rosbags.highlevel import AnyReader
 
 from lrtrav_ros.commands import run
+from lrtrav_ros.io.bag_frames import StereoBag
 from lrtrav_ros.io.bag_reader import BagReader
 from lrtrav_ros.io.bag_writer import write_stereo_bag
 from lrtrav_ros.io.encodings import decode_message
 from lrtrav_ros.io.image_files import read_disparity, read_image
 from lrtrav_ros.io.message_frames import disparity_in_pixels, header_stamp_ns
+from lrtrav_ros.io.output_bag import OutputBag
 from lrtrav_ros.io.zstd_files import zstd
 from lrtrav_ros.mapping.ground_frame import GroundFrame
 
@@ -417,9 +420,26 @@ def test_a_damaged_bag_is_copied_as_far_as_it_is_intact(tmp_path):
     write_stereo_bag(tmp_path / "bag", frames())
     data = (tmp_path / "bag" / "bag.mcap").read_bytes()
     bag.write_bytes(data[: len(data) * 6 // 10])
-    assert detect(bag, tmp_path / "out", "--output-bag", str(tmp_path / "out.mcap")) == 0
+    assert detect(bag, tmp_path / "out", "--output-bag", str(tmp_path / "out.mcap")) == 1
     found = messages(tmp_path / "out.mcap")
     n = len(list((tmp_path / "out" / "long_range").iterdir()))
     assert 1 <= n < N_FRAMES
     assert len(found["/long_range/grid"]) == n
     assert len(found["/left/camera_info"]) >= n
+
+
+def end_with_a_full_disk(path, bag):
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    try:
+        with OutputBag(path, bag):
+            resource.setrlimit(resource.RLIMIT_FSIZE, (0, limits[1]))
+            raise ValueError("why")
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+
+
+def test_a_full_disk_does_not_hide_why_a_run_ended(tmp_path):
+    write_stereo_bag(tmp_path / "bag", frames())
+    with StereoBag(tmp_path / "bag") as bag, pytest.raises(ValueError, match="why"):
+        end_with_a_full_disk(tmp_path / "out.mcap", bag)
+    assert [path.name for path in tmp_path.iterdir()] == ["bag"]

@@ -18,7 +18,6 @@ from lrtrav_ros.io.result_folder import (
     available_extras,
     checked_extras,
     frame_result,
-    output_folder,
     unusable_frame,
 )
 from lrtrav_ros.mapping.grid import ground_grid
@@ -119,67 +118,3 @@ def test_confidence_is_there_by_propagation_alone():
     frame = recorded.frames(n=1)[0]
     with pytest.raises(ValueError, match=message):
         frame_result("a", Detector(evidence).detect_frame(frame), frame.camera, extras=("confidence",))
-
-
-@pytest.mark.parametrize("exists", [False, True])
-def test_new_or_empty_folder_is_written_to_as_it_is(tmp_path, exists):
-    path = tmp_path / "out"
-    if exists:
-        path.mkdir()
-    with output_folder(path) as folder:
-        assert folder == path
-
-
-def test_folder_that_holds_something_is_refused(tmp_path):
-    (tmp_path / "a").touch()
-    with pytest.raises(FileExistsError, match="exists and is not an empty folder; choose another or give --overwrite"):
-        output_folder(tmp_path).__enter__()
-
-
-def test_file_is_never_replaced(tmp_path):
-    path = tmp_path / "out"
-    path.touch()
-    with pytest.raises(FileExistsError, match="out exists"):
-        output_folder(path, overwrite=True).__enter__()
-
-
-def test_old_folder_is_replaced_when_the_new_one_is_finished(tmp_path):
-    path = tmp_path / "out"
-    path.mkdir()
-    (path / "old").touch()
-    with output_folder(path, overwrite=True) as folder:
-        folder.mkdir()
-        (folder / "new").touch()
-        assert [file.name for file in path.iterdir()] == ["old"]
-    assert [file.name for file in path.iterdir()] == ["new"]
-    assert [file.name for file in tmp_path.iterdir()] == ["out"]
-
-
-@pytest.mark.parametrize("error", [KeyboardInterrupt, ValueError])
-def test_old_folder_stays_when_the_run_is_interrupted(tmp_path, error):
-    path = tmp_path / "out"
-    path.mkdir()
-    (path / "old").touch()
-
-    def run():
-        with output_folder(path, overwrite=True) as folder:
-            folder.mkdir()
-            (folder / "new").touch()
-            raise error
-
-    with pytest.raises(error):
-        run()
-    assert [file.name for file in path.iterdir()] == ["old"]
-    assert [file.name for file in tmp_path.iterdir()] == ["out"]
-
-
-def test_link_to_a_folder_stays_a_link(tmp_path):
-    target, link = tmp_path / "target", tmp_path / "link"
-    target.mkdir()
-    (target / "old").touch()
-    link.symlink_to(target)
-    with output_folder(link, overwrite=True) as folder:
-        folder.mkdir()
-        (folder / "new").touch()
-    assert link.is_symlink()
-    assert [file.name for file in target.iterdir()] == ["new"]

@@ -7,7 +7,7 @@ are not, have files of their own.
 from __future__ import annotations
 
 import hashlib
-import json
+import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import count
@@ -22,11 +22,14 @@ from lrtrav_ros.evaluation.scoring.frame_evaluation import FrameOutcome, FrameTa
 from lrtrav_ros.evaluation.scoring.score_records import FrameRecord, FrameTimes, Record, from_json, to_json
 from lrtrav_ros.evaluation.truth.opening import NamedSet
 from lrtrav_ros.frame import as_8bit
-from lrtrav_ros.io.atomic_files import write_bytes
+from lrtrav_ros.io.atomic_files import is_leftover, remove_leftovers, write_bytes
+from lrtrav_ros.io.folder_lock import LOCK_FILE
 from lrtrav_ros.io.image_files import read_image
 from lrtrav_ros.offline.parallel import TaskFailure, run_tasks
+from lrtrav_ros.offline.run_identity import files_digest
 
 _IDENTITY_FILE = "run.json"
+_LONGEST_NAME = 255
 _RESULTS = ("records", "times", "masks", "configs", "scores.csv", "times.csv", "summary.json", "report.html")
 
 
@@ -48,8 +51,9 @@ class EvaluationFolder:
     Parameters
     ----------
     path : Path
-        Folder to make, or that of an earlier run. Its frames are kept where they have this identity; else all its
-        results are moved into a folder ``superseded-N`` of it, and never removed.
+        Folder to make, or that of an earlier run; nobody else writes to it, see `locked_folder`. Its frames are kept
+        where they have this identity; else all its results are moved into a folder ``superseded-N`` of it, and never
+        removed.
     identity : EvaluationIdentity
         All that results depend on besides the frames.
 
@@ -67,31 +71,29 @@ class EvaluationFolder:
     def __init__(self, path: Path, identity: EvaluationIdentity) -> None:
         self.path = path
         file = path / _IDENTITY_FILE
-        if path.exists() and not file.is_file() and (not path.is_dir() or any(path.iterdir())):
-            raise FileExistsError(f"{path}: exists and is no evaluation; choose another folder")
-        for leftover in sorted(path.rglob(".*.tmp")):
-            leftover.unlink()  # of a process that was killed while it wrote
+        check_place(path)
+        remove_leftovers(path)
         changes = _changes_since(file, identity) if file.is_file() else []
         self.superseded = Superseded(self._set_aside(), tuple(changes)) if changes else None
-        write_bytes(file, to_json(identity).encode())
+        write_bytes(file, to_json(identity).encode(), durable=True)
 
     def _set_aside(self) -> Path:
-        """Move all results into a folder of their own, and return it; what they belong to goes last."""
+        """Move all results into a folder of their own, with a copy of what they belong to, and return it."""
         numbered = (self.path / f"superseded-{number}" for number in count(1))
         aside = next(path for path in numbered if not path.exists())
-        aside.mkdir()
-        for name in (*_RESULTS, _IDENTITY_FILE):
+        write_bytes(aside / _IDENTITY_FILE, (self.path / _IDENTITY_FILE).read_bytes(), durable=True)
+        for name in _RESULTS:
             if (self.path / name).exists():
                 (self.path / name).rename(aside / name)
         return aside
 
     def record(self, set_name: str, frame: str) -> FrameRecord | None:
         """Return the record of a frame; None where there is none that can be read."""
-        return _read(FrameRecord, self.path / "records" / set_name / f"{frame}.json")
+        return _read(FrameRecord, self.path / "records" / set_name / _file_name(frame))
 
     def times(self, set_name: str, frame: str) -> FrameTimes | None:
         """Return the times of a frame; None where there are none that can be read."""
-        return _read(FrameTimes, self.path / "times" / set_name / f"{frame}.json")
+        return _read(FrameTimes, self.path / "times" / set_name / _file_name(frame))
 
     def mask(self, set_name: str, method: str, frame: str) -> NDArray[np.uint8] | None:
         """Return a method's mask of a frame; None where masks are not kept.
@@ -110,11 +112,27 @@ class EvaluationFolder:
     def write(self, outcome: FrameOutcome) -> None:
         """Write what is kept of a frame; the record comes last, and tells that the rest is there."""
         record = outcome.record
-        file = Path(record.set) / f"{record.frame}.json"
+        file = Path(record.set) / _file_name(record.frame)
         for mask in outcome.masks:
-            write_bytes(self._mask_path(record.set, mask.method, record.frame), mask.data)
+            write_bytes(self._mask_path(record.set, mask.method, record.frame), mask.data, durable=True)
         write_bytes(self.path / "times" / file, to_json(outcome.times).encode())
         write_bytes(self.path / "records" / file, to_json(record).encode())
+
+
+def check_place(path: Path) -> None:
+    """Raise FileExistsError where there is something else than an evaluation, or one that has just begun."""
+    if not path.exists() or (path / _IDENTITY_FILE).is_file():
+        return
+    if not path.is_dir() or any(item.name != LOCK_FILE and not is_leftover(item) for item in path.iterdir()):
+        raise FileExistsError(f"{path}: exists and is no evaluation; choose another folder")
+
+
+def _file_name(frame: str) -> str:
+    """Return the name of a frame's record: a digest stands for what is too long for a disk with this suffix."""
+    name = f"{frame}.json"
+    if len(os.fsencode(name)) > _LONGEST_NAME:
+        name = f"{hashlib.sha256(os.fsencode(frame)).hexdigest()}.json"
+    return name
 
 
 def _changes_since(file: Path, identity: EvaluationIdentity) -> list[str]:
@@ -192,7 +210,7 @@ def evaluate_frames(
 def _pending_frames(item: NamedSet, folder: EvaluationFolder) -> _PendingFrames:
     digests, n_changed = {}, 0
     for name in item.frames.names:
-        identity = _identity_of(item.frames.files(name))
+        identity = files_digest(item.frames.files(name))
         record = folder.record(item.name, name)
         if record is None or record.error or record.files_digest != identity or folder.times(item.name, name) is None:
             digests[name] = identity
@@ -205,13 +223,3 @@ def _tasks(pending: Sequence[_PendingFrames], setup: Setup, unknown: str) -> Ite
         labelled, digests = frames.set.frames, frames.digests
         for item in labelled.items(digests) if digests else ():
             yield FrameTask(frames.set.name, item, unknown or labelled.unknown_rule, digests[item.name], setup)
-
-
-def _identity_of(files: Sequence[Path]) -> str:
-    """Return what tells whether files have changed: a digest of their sizes and times of change."""
-    stamps = []
-    for file in files:
-        if file.exists():
-            status = file.stat()
-            stamps.append((file.name, status.st_size, status.st_mtime_ns))
-    return hashlib.sha256(json.dumps(stamps).encode()).hexdigest()[:16]

@@ -3,18 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
-import hashlib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from importlib import import_module
-from pathlib import Path
 
 from lrtrav_ros.config import Value
 from lrtrav_ros.evaluation.scoring.frame_evaluation import Setup
 from lrtrav_ros.evaluation.truth.opening import NamedSet, ReaderOptions
+from lrtrav_ros.offline.run_identity import LIBRARIES, PACKAGE, code_digest, library_versions
 
-_PACKAGE = Path(__file__).parents[2]
-_LIBRARIES = ("numpy", "scipy", "cv2", "numba")
 _DISTANCES = "the distances"  # their geometry is configured beside the methods, and the same for all
 # The report is made anew in every run.
 _WITHOUT_INFLUENCE = ("benchmark", "commands", "nodes", "offline", "report", "synthetic")
@@ -71,10 +67,10 @@ def evaluation_identity(
     methods = [seeded.method for seeded in setup.methods]
     n_seeds = [len(seeded.configs) for seeded in setup.methods if seeded.method.is_random]
     fields = {f"--field {name}": str(value) for name, value in dataclasses.asdict(reading.fields).items()}
-    libraries = [*_LIBRARIES, *(["sklearn"] if any(method.needs_sklearn for method in methods) else [])]
+    libraries = [*LIBRARIES, *(["sklearn"] if any(method.needs_sklearn for method in methods) else [])]
     return EvaluationIdentity(
-        code=code_digest(_PACKAGE),
-        libraries={name: import_module(name).__version__ for name in libraries},
+        code=code_digest(PACKAGE, without=_WITHOUT_INFLUENCE),
+        libraries=library_versions(libraries),
         options={
             "--methods": ", ".join(method.name for method in methods),
             **({"--seeds": str(n_seeds[0])} if n_seeds else {}),
@@ -90,30 +86,6 @@ def evaluation_identity(
             _DISTANCES: setup.geometry.values(),
         },
     )
-
-
-def code_digest(package: Path) -> str:
-    """Return a digest of the sources of the package, but for those that no result depends on.
-
-    Parameters
-    ----------
-    package : Path
-        The package's folder.
-    """
-    digest = hashlib.sha256()
-    for name, source in sorted(_sources(package, "")):
-        digest.update(f"{name} {len(source)}\n".encode())
-        digest.update(source)
-    return digest.hexdigest()
-
-
-def _sources(folder: Path, prefix: str) -> Iterator[tuple[str, bytes]]:
-    """Yield name and content of each module."""
-    for item in folder.iterdir():
-        if item.is_dir() and item.name not in _WITHOUT_INFLUENCE:
-            yield from _sources(item, f"{prefix}{item.name}/")
-        elif item.name.endswith(".py"):
-            yield f"{prefix}{item.name}", item.read_bytes()
 
 
 def _changes(earlier: Mapping[str, str], now: Mapping[str, str]) -> Iterator[str]:

@@ -8,13 +8,15 @@ from types import SimpleNamespace
 import pytest
 
 import lrtrav_ros
-from lrtrav_ros.evaluation.scoring.evaluation_identity import EvaluationIdentity, code_digest, evaluation_identity
+from lrtrav_ros.evaluation.scoring import evaluation_identity as evaluation_identity_module
+from lrtrav_ros.evaluation.scoring.evaluation_identity import EvaluationIdentity, evaluation_identity
 from lrtrav_ros.evaluation.scoring.frame_evaluation import make_setup
 from lrtrav_ros.evaluation.scoring.methods import choose_methods
 from lrtrav_ros.evaluation.scoring.score_records import from_json, to_json
 from lrtrav_ros.evaluation.truth.labels import Labels
 from lrtrav_ros.evaluation.truth.mat_files import MatFields
 from lrtrav_ros.evaluation.truth.opening import NamedSet, ReaderOptions
+from lrtrav_ros.offline.run_identity import code_digest
 
 PACKAGE = Path(lrtrav_ros.__file__).parent
 
@@ -22,6 +24,10 @@ PACKAGE = Path(lrtrav_ros.__file__).parent
 def identity(*methods, values=None, n_seeds=5, save_masks=False, unknown="", **reading):
     setup = make_setup(choose_methods(methods), values or {}, n_seeds=n_seeds, save_masks=save_masks)
     return evaluation_identity(setup, ReaderOptions(**reading), unknown=unknown)
+
+
+def digest_of(package):
+    return code_digest(package, without=evaluation_identity_module._WITHOUT_INFLUENCE)
 
 
 USUAL = identity("proposed", "robust")
@@ -38,25 +44,25 @@ def package(tmp_path):
              "evaluation/scoring/scores.py", "evaluation/truth/labels.py", "method/new.py"],
 )  # fmt: skip
 def test_digest_depends_on_every_source_that_results_do(package, name):
-    before = code_digest(package)
-    assert before == code_digest(PACKAGE)
+    before = digest_of(package)
+    assert before == digest_of(PACKAGE)
     with (package / name).open("a", encoding="utf-8") as file:
         file.write("# changed\n")
-    assert code_digest(package) != before
+    assert digest_of(package) != before
 
 
 @pytest.mark.parametrize("name", ["commands/evaluate.py", "nodes/worker.py", "evaluation/report/charts.py", "README"])
 def test_digest_does_not_depend_on_what_results_do_not(package, name):
-    before = code_digest(package)
+    before = digest_of(package)
     with (package / name).open("a", encoding="utf-8") as file:
         file.write("# changed\n")
-    assert code_digest(package) == before
+    assert digest_of(package) == before
 
 
 def test_digest_depends_on_the_place_of_a_source(package):
-    before = code_digest(package)
+    before = digest_of(package)
     (package / "camera.py").rename(package / "method" / "camera.py")
-    assert code_digest(package) != before
+    assert digest_of(package) != before
 
 
 def test_identity_is_the_same_after_json():
