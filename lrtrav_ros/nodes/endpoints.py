@@ -17,7 +17,7 @@ from std_msgs.msg import Header
 from stereo_msgs.msg import DisparityImage
 
 from lrtrav_ros.io.serialized_message import SerializedMessage
-from lrtrav_ros.io.topics import COMPRESSED_TYPE, DISPARITY_TYPE, IMAGE_TYPE
+from lrtrav_ros.io.topics import COMPRESSED_TYPE, DISPARITY_TYPE, IMAGE_TYPE, INFO_TYPE
 from lrtrav_ros.nodes.messages import array_to_image
 
 _OVERRIDES = QoSOverridingOptions(
@@ -25,14 +25,13 @@ _OVERRIDES = QoSOverridingOptions(
 )
 _IMAGE_DEPTH = 5
 
-Take = Callable[[SerializedMessage], None]
+Take = Callable[[SerializedMessage], object]
 Refuse = Callable[[Exception], None]
 
 
-def subscribe_info(node: Node, topic: str, callback: Callable[[CameraInfo], None]) -> Subscription:
-    """Subscribe to calibration as sensor data are: best effort matches every publisher. Only the newest one counts."""
-    with _refusing_overrides(node, topic):
-        return node.create_subscription(CameraInfo, topic, callback, _sensor_data(1), qos_overriding_options=_OVERRIDES)
+def subscribe_info(node: Node, topic: str, take: Take, refuse: Refuse) -> Subscription:
+    """Subscribe to calibration, of which only the newest counts."""
+    return _subscribe(node, CameraInfo, INFO_TYPE, topic, take, refuse, depth=1)
 
 
 def subscribe_image(
@@ -50,8 +49,13 @@ def subscribe_disparity(node: Node, topic: str, take: Take, refuse: Refuse) -> S
     return _subscribe(node, DisparityImage, DISPARITY_TYPE, topic, take, refuse)
 
 
-def _subscribe(node: Node, kind: type[Any], type_name: str, topic: str, take: Take, refuse: Refuse) -> Subscription:
-    """Subscribe to messages that stay serialised; those that have no stamp are refused."""
+def _subscribe(
+    node: Node, kind: type[Any], type_name: str, topic: str, take: Take, refuse: Refuse, *, depth: int = _IMAGE_DEPTH
+) -> Subscription:
+    """Subscribe to messages that stay serialised, `depth` of which wait at most; those that have no stamp are refused.
+
+    Best effort, as sensor data are, matches every publisher. rclpy drops what it cannot decode without a word.
+    """
 
     def take_or_refuse(data: bytes) -> None:
         try:
@@ -61,7 +65,7 @@ def _subscribe(node: Node, kind: type[Any], type_name: str, topic: str, take: Ta
         else:
             take(message)
 
-    qos = _sensor_data(_IMAGE_DEPTH)
+    qos = QoSProfile(depth=depth, reliability=QoSReliabilityPolicy.BEST_EFFORT)
     with _refusing_overrides(node, topic):
         return node.create_subscription(kind, topic, take_or_refuse, qos, qos_overriding_options=_OVERRIDES, raw=True)
 
@@ -75,11 +79,6 @@ def _refusing_overrides(node: Node, topic: str) -> Iterator[None]:
         if not node.context.ok():
             raise
         raise ValueError(f"a parameter qos_overrides.{node.resolve_topic_name(topic)}… does not fit: {err}") from err
-
-
-def _sensor_data(depth: int) -> QoSProfile:
-    """Return the quality of service of inputs; `depth` messages wait at most."""
-    return QoSProfile(depth=depth, reliability=QoSReliabilityPolicy.BEST_EFFORT)
 
 
 class Output:

@@ -9,27 +9,29 @@ from concurrent.futures import CancelledError, Future
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.node import Node
-from sensor_msgs.msg import CameraInfo
+from rclpy.subscription import Subscription
 from std_msgs.msg import Header
 
 from lrtrav_ros.camera import StereoCamera
 from lrtrav_ros.frame import Image
-from lrtrav_ros.io.camera_info import disparity_camera, unseen_of
+from lrtrav_ros.io.camera_info import check_calibration, disparity_camera, unseen_of
 from lrtrav_ros.io.encodings import decode_message
-from lrtrav_ros.io.message_frames import disparity_in_pixels, header_stamp_ns
-from lrtrav_ros.io.pairing import StampPairing, TopicQueue
+from lrtrav_ros.io.message_frames import PartError, blaming, disparity_in_pixels, header_stamp_ns
+from lrtrav_ros.io.pairing import StampPairing
 from lrtrav_ros.io.serialized_message import SerializedMessage
 from lrtrav_ros.io.topics import DISPARITY, GROUND_DISPARITY, LEFT_IMAGE, LEFT_INFO, OCCUPANCY
 from lrtrav_ros.mapping.ground_disparity import ground_line_of
 from lrtrav_ros.method.ground import GroundLine
 from lrtrav_ros.nodes import endpoints
+from lrtrav_ros.nodes.calibration import Calibration
+from lrtrav_ros.nodes.input_topic import InputTopic, Report
 from lrtrav_ros.nodes.inputs import PATIENCE_S, joined, silence_of
 from lrtrav_ros.nodes.messages import header_of
 from lrtrav_ros.nodes.missing_topics import AwaitedTopics
@@ -107,14 +109,21 @@ class LongRangeInput(Protocol):
     """Delivers the frames of the long range."""
 
     @property
-    def frame_topic(self) -> TopicQueue[SerializedMessage]:
-        """The topic whose messages count as frames."""
+    def frame_topic(self) -> InputTopic | None:
+        """The topic whose messages count as frames; None where they come without."""
+
+    @property
+    def topics(self) -> tuple[InputTopic, ...]:
+        """All topics that it subscribes to."""
 
     def problem(self) -> str:
         """Return why no frames come; empty where they do."""
 
     def forget(self) -> None:
         """Forget calibration and counts."""
+
+    def give_up(self) -> None:
+        """Wait for nothing any more."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -146,8 +155,8 @@ class TopicsInput:
         Subscribes.
     settings : Settings
         Its parameters.
-    deliver, refuse : callable
-        Take each frame, and what is wrong with a message.
+    deliver, report : callable
+        Take each frame, and why a message is refused.
     is_mapped : callable
         Returns whether somebody wants maps.
     """
@@ -157,30 +166,39 @@ class TopicsInput:
         node: Node,
         settings: Settings,
         deliver: Deliver,
-        refuse: endpoints.Refuse,
+        report: Report,
         *,
         is_mapped: Callable[[], bool],
     ) -> None:
         self._node = node
         self._settings = settings
         self._deliver = deliver
-        self._geometry = GeometryTopics(node, refuse, is_wanted=is_mapped)
-        self._refuse = refuse
-        left = endpoints.subscribe_image(
-            node, LEFT_IMAGE, self._take_left, self._refuse_left, compressed=_is_compressed(settings)
-        )
-        occupancy = endpoints.subscribe_image(node, OCCUPANCY, self._take_occupancy, self._refuse_occupancy)
-        self._unseen = UnseenPixels(node) if settings.config.source.rectify else None
-        self._subscriptions = (left, occupancy)
-        self._pairing = _pairing(left.topic_name, occupancy.topic_name)
+        self._geometry = GeometryTopics(node, report, is_wanted=is_mapped)
         self._awaited = AwaitedTopics(node)
-        self._awaited.add(LEFT_IMAGE, left, lambda: self._pairing.second.received > 0)
-        self._awaited.add(OCCUPANCY, occupancy, lambda: self._pairing.first.received > 0)
+        self.frame_topic = InputTopic(OCCUPANCY, report, capacity=_WAITING_OCCUPANCY, part="partner")
+        # Left images of frames that the short range drops find none.
+        self._left = InputTopic(LEFT_IMAGE, report, capacity=_WAITING_LEFT, part="left", needs_partner=False)
+        self._subscriptions = (
+            self._subscribed(self._left, self._take_left, compressed=_is_compressed(settings)),
+            self._subscribed(self.frame_topic, self._take_occupancy),
+        )
+        self._unseen = UnseenPixels(node, report) if settings.config.source.rectify else None
+        self._pairing = StampPairing(self.frame_topic.queue, self._left.queue)
+
+    def _subscribed(self, topic: InputTopic, take: endpoints.Take, *, compressed: bool = False) -> Subscription:
+        """Subscribe to an image."""
+        subscription = endpoints.subscribe_image(
+            self._node, topic.name, take, topic.refuse_damaged, compressed=compressed
+        )
+        topic.topic = subscription.topic_name
+        self._awaited.add(topic.name, subscription, topic.has_come)
+        return subscription
 
     @property
-    def frame_topic(self) -> TopicQueue[SerializedMessage]:
-        """The occupancy."""
-        return self._pairing.first
+    def topics(self) -> tuple[InputTopic, ...]:
+        """The two images, and, while maps are wanted, their geometry."""
+        unseen = () if self._unseen is None else (self._unseen.topic,)
+        return (self._left, self.frame_topic, *self._geometry.topics, *unseen)
 
     def problem(self) -> str:
         """Return why nothing pairs or there are no maps, and what is wrong with topics on which nothing has come."""
@@ -193,7 +211,13 @@ class TopicsInput:
         self._awaited.forget()
         if self._unseen is not None:
             self._unseen.forget()
-        self._pairing = _pairing(self._pairing.second.topic, self._pairing.first.topic)
+        self.frame_topic.forget()
+        self._left.forget()
+        self._pairing = StampPairing(self.frame_topic.queue, self._left.queue)
+
+    def give_up(self) -> None:
+        """Wait for nothing any more."""
+        self._geometry.give_up()
 
     def close(self) -> None:
         """End the subscriptions."""
@@ -202,23 +226,17 @@ class TopicsInput:
         for subscription in (*self._subscriptions, *unseen):
             self._node.destroy_subscription(subscription)
 
-    def _decoded(self, left: SerializedMessage) -> LeftImage:
-        decoded = left.decode()
-        unseen = None if self._unseen is None else self._unseen.now()
-        return LeftImage(header_of(decoded), decode_message(decoded), unseen)
+    def _decoded(self, left: SerializedMessage, max_pixels: int) -> LeftImage:
+        with blaming("left"):
+            decoded = left.decode()
+            pixels = decode_message(decoded, max_pixels=max_pixels)
+        unseen = None if self._unseen is None else self._unseen.now(pixels.shape)
+        return LeftImage(header_of(decoded), pixels, unseen)
 
     @property
     def _tolerance_ns(self) -> int:
         """Largest difference of stamps: none for stereo; disparity and depth may have stamps of their own."""
         return 0 if self._settings.config.source.source == "stereo" else self._settings.stamp_tolerance_ns
-
-    def _refuse_left(self, err: Exception) -> None:
-        self._pairing.second.count_damaged()
-        self._refuse(err)
-
-    def _refuse_occupancy(self, err: Exception) -> None:
-        self._pairing.first.count_damaged()
-        self._refuse(err)
 
     def _take_left(self, message: SerializedMessage) -> None:
         self._put(self._pairing.add_second(message.stamp_ns, message, tolerance_ns=self._tolerance_ns))
@@ -229,14 +247,23 @@ class TopicsInput:
     def _put(self, pair: tuple[SerializedMessage, SerializedMessage] | None) -> None:
         if pair is None:
             return
-        occupancy, left = pair
+        (occupancy, left), max_pixels = pair, self._settings.config.source.max_pixels
         self._deliver(
             LongRangeFrame(
-                lambda: self._decoded(left),
-                lambda: decode_message(occupancy.decode()),
-                lambda: self._geometry.of(occupancy),
+                lambda: self._decoded(left, max_pixels),
+                lambda: _occupancy_of(occupancy, max_pixels),
+                lambda: self._geometry.of(occupancy, max_pixels),
             )
         )
+
+
+def _occupancy_of(message: SerializedMessage, max_pixels: int) -> NDArray[np.uint8]:
+    """Return the occupancy of a message; raises PartError where it holds none."""
+    with blaming("partner"):
+        occupancy = decode_message(message.decode(), max_pixels=max_pixels)
+        if occupancy.ndim != 2 or occupancy.dtype != np.uint8:
+            raise ValueError(f"occupancy has shape {occupancy.shape} and type {occupancy.dtype}; give mono8")
+        return occupancy
 
 
 class UnseenPixels:
@@ -246,33 +273,26 @@ class UnseenPixels:
     ----------
     node : rclpy.node.Node
         Subscribes.
+    report : callable
+        Takes why a message is refused.
     """
 
-    def __init__(self, node: Node) -> None:
-        self._info: CameraInfo | None = None
-        self.subscription = endpoints.subscribe_info(node, LEFT_INFO, self._take)
+    def __init__(self, node: Node, report: Report) -> None:
+        self._calibration = Calibration(LEFT_INFO, report, partial(check_calibration, is_raw=True))
+        self.topic = self._calibration.topic
+        self.subscription = endpoints.subscribe_info(node, LEFT_INFO, self._calibration.take, self.topic.refuse_damaged)
+        self.topic.topic = self.subscription.topic_name
 
     def forget(self) -> None:
         """Forget the calibration."""
-        self._info = None
+        self._calibration.forget()
 
-    def now(self) -> NDArray[np.bool_] | None:
-        """Return them for the newest calibration; raises CancelledError before the first."""
-        info = self._info
+    def now(self, shape: tuple[int, ...]) -> NDArray[np.bool_] | None:
+        """Return those of an image for the newest calibration; raises CancelledError before the first."""
+        info = self._calibration.info
         if info is None:
             raise CancelledError
-        return unseen_of(info)
-
-    def _take(self, info: CameraInfo) -> None:
-        self._info = info
-
-
-def _pairing(left: str, occupancy: str) -> StampPairing[SerializedMessage, SerializedMessage]:
-    """Return a pairing of the topics of these names; occupancy comes first."""
-    return StampPairing(
-        TopicQueue(occupancy, _WAITING_OCCUPANCY, is_ordered=True),
-        TopicQueue(left, _WAITING_LEFT, is_ordered=True),
-    )
+        return unseen_of(info, shape)
 
 
 class GeometryTopics:
@@ -282,8 +302,8 @@ class GeometryTopics:
     ----------
     node : rclpy.node.Node
         Subscribes.
-    refuse : callable
-        Takes what is wrong with a message.
+    report : callable
+        Takes why a message is refused.
     is_wanted : callable
         Returns whether somebody wants what is made of them.
 
@@ -293,14 +313,17 @@ class GeometryTopics:
         If a QoS override does not fit.
     """
 
-    def __init__(self, node: Node, refuse: endpoints.Refuse, *, is_wanted: Callable[[], bool]) -> None:
+    def __init__(self, node: Node, report: Report, *, is_wanted: Callable[[], bool]) -> None:
         self._node = node
-        self._refuse = refuse
+        self._calibration = Calibration(LEFT_INFO, report, partial(check_calibration, has_focal_length=False))
+        self._topics = {name: InputTopic(name, report) for name in (DISPARITY, GROUND_DISPARITY)}
+        self._topics[LEFT_INFO] = self._calibration.topic
         self._is_wanted = is_wanted
         self._messages: dict[str, dict[int, SerializedMessage]] = {DISPARITY: {}, GROUND_DISPARITY: {}}
-        self._info: CameraInfo | None = None
         self._changed = threading.Condition()
         self._asked_ns = 0
+        self._n_forgotten = 0
+        self._is_given_up = False
         self._is_coming = False  # what does not is not waited for: the masks of later frames would wait, too
         self._missing = ""
         self._missing_since_s: float | None = None
@@ -309,25 +332,31 @@ class GeometryTopics:
         clock = Clock(clock_type=ClockType.STEADY_TIME)
         self._timer = node.create_timer(_FOLLOWING_PERIOD_S, self._follow, clock=clock)
 
-    def of(self, occupancy: SerializedMessage) -> NearGeometry | None:
+    def of(self, occupancy: SerializedMessage, max_pixels: int) -> NearGeometry | None:
         """Return the geometry that an occupancy was found in; None where it does not come in time."""
         stamp_ns = occupancy.stamp_ns
         with self._changed:
             self._asked_ns = stamp_ns
             patience_s = _GEOMETRY_TIMEOUT_S if self._is_coming else 0.0
-            self._is_coming = self._changed.wait_for(lambda: self._is_decided(stamp_ns), patience_s)
+            is_over = self._changed.wait_for(lambda: self._is_decided(stamp_ns) or self._is_given_up, patience_s)
+            self._is_coming = is_over
             self._note_missing(stamp_ns)
             if self._missing:
                 return None
             disparity, ground = (_popped(waiting, stamp_ns) for waiting in self._messages.values())
-            info = self._info
-        message = disparity.decode()
-        return NearGeometry(
-            decode_message(occupancy.decode()),
-            disparity_in_pixels(message),
-            ground_line_of(disparity_in_pixels(ground.decode())),
-            disparity_camera(message, info),
-        )
+            info, n_forgotten = self._calibration.info, self._n_forgotten
+        try:
+            return _geometry_of(_occupancy_of(occupancy, max_pixels), disparity, ground, info, max_pixels)
+        except PartError as err:  # the masks are out, and there are no maps
+            with self._changed:
+                if n_forgotten == self._n_forgotten:  # else it is not among those received any more
+                    self._topics[err.part].refuse(err)
+            return None
+
+    @property
+    def topics(self) -> tuple[InputTopic, ...]:
+        """What is subscribed to."""
+        return tuple(self._topics.values()) if self._subscriptions else ()
 
     def problem(self) -> str:
         """Return why there are no maps; empty where there are some, or nobody wants any."""
@@ -339,10 +368,18 @@ class GeometryTopics:
     def forget(self) -> None:
         """Forget the calibration and what waits."""
         with self._changed:
-            self._info = None
+            self._n_forgotten += 1
             self._missing_since_s = None
-            for waiting in self._messages.values():
+            self._calibration.forget()
+            for name, waiting in self._messages.items():
                 waiting.clear()
+                self._topics[name].forget()
+
+    def give_up(self) -> None:
+        """Wait for nothing any more."""
+        with self._changed:
+            self._is_given_up = True
+            self._changed.notify_all()
 
     def close(self) -> None:
         """End the subscriptions."""
@@ -357,18 +394,19 @@ class GeometryTopics:
             self._unsubscribe()
 
     def _subscribe(self) -> None:
+        refuse = {name: topic.refuse_damaged for name, topic in self._topics.items()}
         self._subscriptions = {
-            LEFT_INFO: endpoints.subscribe_info(self._node, LEFT_INFO, self._take_info),
-            **{
-                topic: endpoints.subscribe_disparity(self._node, topic, partial(self._take, topic), self._refuse)
-                for topic in self._messages
-            },
+            name: endpoints.subscribe_disparity(self._node, name, partial(self._take, name), refuse[name])
+            for name in self._messages
         }
+        self._subscriptions[LEFT_INFO] = endpoints.subscribe_info(
+            self._node, LEFT_INFO, self._take_info, refuse[LEFT_INFO]
+        )
         self._is_coming = True
-        self._silent = set(self._subscriptions)
         self._awaited = AwaitedTopics(self._node)
-        for topic, subscription in self._subscriptions.items():
-            self._awaited.add(topic, subscription, partial(self._has_come, topic))
+        for name, topic in self._topics.items():
+            topic.topic = self._subscriptions[name].topic_name
+            self._awaited.add(name, self._subscriptions[name], topic.has_come)
 
     def _unsubscribe(self) -> None:
         for subscription in self._subscriptions.values():
@@ -377,20 +415,16 @@ class GeometryTopics:
         self._is_coming = False
         self.forget()
 
-    def _has_come(self, topic: str) -> bool:
-        return topic not in self._silent
-
-    def _take_info(self, info: CameraInfo) -> None:
-        self._silent.discard(LEFT_INFO)
+    def _take_info(self, message: SerializedMessage) -> None:
         with self._changed:
-            self._info = info
-            self._changed.notify_all()
+            if self._calibration.take(message):
+                self._changed.notify_all()
 
-    def _take(self, topic: str, message: SerializedMessage) -> None:
-        self._silent.discard(topic)
+    def _take(self, name: str, message: SerializedMessage) -> None:
         stamp_ns = message.stamp_ns
+        self._topics[name].queue.count(stamp_ns)
         with self._changed:
-            waiting = self._messages[topic]
+            waiting = self._messages[name]
             waiting.pop(stamp_ns, None)  # it would keep its place
             waiting[stamp_ns] = message
             while len(waiting) > _WAITING_GEOMETRY:
@@ -406,7 +440,7 @@ class GeometryTopics:
     def _absent(self, stamp_ns: int) -> list[str]:
         """Return the topics on which nothing with a stamp has come."""
         names = [topic for topic, waiting in self._messages.items() if stamp_ns not in waiting]
-        return names + ([] if self._info is not None else [LEFT_INFO])
+        return names + ([] if self._calibration.info is not None else [LEFT_INFO])
 
     def _note_missing(self, stamp_ns: int) -> None:
         """Note what is missing of a stamp, and since when something has been."""
@@ -417,6 +451,32 @@ class GeometryTopics:
         self._missing = f"no maps: nothing with the stamp of the occupancy has come on {absent}"
         if self._missing_since_s is None:
             self._missing_since_s = time.monotonic()
+
+
+def _geometry_of(
+    occupancy: NDArray[np.uint8],
+    disparity: SerializedMessage,
+    ground: SerializedMessage,
+    info: Any,
+    max_pixels: int,
+) -> NearGeometry:
+    """Return the geometry that messages hold; raises PartError, by the name of the topic, where one does not fit."""
+    with blaming(DISPARITY):
+        message = disparity.decode()
+        disparity_px = _of_size(occupancy, disparity_in_pixels(message, max_pixels=max_pixels))
+        camera = disparity_camera(message, info)
+    with blaming(GROUND_DISPARITY):
+        pixels = disparity_in_pixels(ground.decode(), max_pixels=max_pixels)
+        line = ground_line_of(_of_size(occupancy, pixels))
+    return NearGeometry(occupancy, disparity_px, line, camera)
+
+
+def _of_size(occupancy: NDArray[np.uint8], disparity: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return a disparity; raises ValueError where it has another size than the occupancy."""
+    if disparity.shape != occupancy.shape:
+        (h, w), (occupancy_h, occupancy_w) = disparity.shape, occupancy.shape
+        raise ValueError(f"disparity is {w} x {h} pixels, but the occupancy is {occupancy_w} x {occupancy_h}")
+    return disparity
 
 
 def _popped(waiting: dict[int, SerializedMessage], stamp_ns: int) -> SerializedMessage:
@@ -432,14 +492,14 @@ class ShortRangeLink:
 
     Parameters
     ----------
-    topic : str
-        Name of the occupancy that it takes the place of.
     deliver : callable
         Takes each frame.
     """
 
-    def __init__(self, topic: str, deliver: Deliver) -> None:
-        self.frame_topic: TopicQueue[SerializedMessage] = TopicQueue(topic)
+    frame_topic: InputTopic | None = None
+    topics: tuple[InputTopic, ...] = ()
+
+    def __init__(self, deliver: Deliver) -> None:
         self._deliver = deliver
         self._last_s = time.monotonic()
 
@@ -449,15 +509,16 @@ class ShortRangeLink:
         return f"no frame from the short-range node for {idle_s:.0f} s" if idle_s >= PATIENCE_S else ""
 
     def forget(self) -> None:
-        """Forget the counts, and wait anew from now on."""
-        self.frame_topic = TopicQueue(self.frame_topic.topic)
+        """Wait anew from now on."""
         self._last_s = time.monotonic()
+
+    def give_up(self) -> None:
+        """Do nothing: the short range answers, or gives up, by itself."""
 
     @contextmanager
     def frame(self, left: LeftImage) -> Iterator[Callable[[NearGeometry], None]]:
         """Hand over a left image; yield what takes its geometry. Without it the frame is given up after the block."""
         self._last_s = time.monotonic()
-        self.frame_topic.count(left.stamp_ns)
         geometry: Future[NearGeometry] = Future()
         self._deliver(LongRangeFrame(lambda: left, lambda: geometry.result().occupancy, geometry.result))
         try:

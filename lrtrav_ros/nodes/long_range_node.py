@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import threading
+from functools import partial
 from typing import Any
 
 from lrtrav_ros.config import LONG_RANGE_STAGES, Config
 from lrtrav_ros.detector import LongRangeDetector
 from lrtrav_ros.frame import as_8bit
 from lrtrav_ros.method.memory import Memory
-from lrtrav_ros.nodes.diagnostics import Diagnostics, report_failure
+from lrtrav_ros.nodes.counts import Received
+from lrtrav_ros.nodes.diagnostics import Diagnostics, report_failure, report_refusal
 from lrtrav_ros.nodes.long_range_inputs import (
     LongRangeFrame,
     LongRangeInput,
@@ -51,17 +53,16 @@ class LongRangeNode(ManagedNode):
     def activate(self) -> None:
         """Make the subscriptions and the worker."""
         self._cached_detector = _new_detector(self._settings.config, None)
-        self._worker: Worker[LongRangeFrame] = Worker(self._process, failed=lambda err: report_failure(self, err))
+        self._worker: Worker[LongRangeFrame] = Worker(self._process, failed=self._report)
         self._topics = self._subscribed() if self._link is None else None
         self._input.forget()  # what a link has counted so far was not for this worker
-        self._diagnostics = Diagnostics(
-            self, self._worker, problem=self._problem, frame_topic=lambda: self._input.frame_topic
-        )
+        self._diagnostics = Diagnostics(self, self._worker, self._received, problem=self._problem)
         self._worker.start()
         self.get_logger().info("ready")
 
     def deactivate(self) -> None:
         """End the worker after the frame at hand."""
+        self._input.give_up()
         self._worker.close()
 
     def forget(self) -> None:
@@ -70,6 +71,7 @@ class LongRangeNode(ManagedNode):
         self._is_to_forget.set()
         self._input.forget()
         self._worker.forget()
+        self._diagnostics.forget()
 
     def link(self, *, left_topic: str, occupancy_topic: str) -> ShortRangeLink | None:
         """Take frames from the short-range node of this process, and no longer from topics, where both name the same.
@@ -91,7 +93,7 @@ class LongRangeNode(ManagedNode):
             self._topics.close()
         self._topics = None
         if self._link is None:  # the short range may end and begin again, and the counts go on
-            self._link = ShortRangeLink(occupancy_topic, self._deliver)
+            self._link = ShortRangeLink(self._deliver)
         return self._link
 
     @property
@@ -103,14 +105,20 @@ class LongRangeNode(ManagedNode):
         return self._link
 
     def _subscribed(self) -> TopicsInput:
-        return TopicsInput(
-            self, self._settings, self._worker.put, self._worker.refuse, is_mapped=lambda: self._outputs.are_mapped
-        )
+        report = partial(report_refusal, self)
+        return TopicsInput(self, self._settings, self._worker.put, report, is_mapped=lambda: self._outputs.are_mapped)
 
     def _deliver(self, frame: LongRangeFrame) -> None:
         """Take a frame from the link, while the node is active."""
         if self.is_active:
             self._worker.put(frame)
+
+    def _received(self) -> Received:
+        return Received(self._input.topics, self._input.frame_topic)
+
+    def _report(self, err: Exception) -> None:
+        """Log why a frame failed."""
+        report_failure(self, err, self._input.topics)
 
     def _problem(self) -> str:
         """Return why no frames come, or what is wrong with those that do."""

@@ -8,11 +8,11 @@ import numpy as np
 from nav_msgs.msg import OccupancyGrid
 from numpy.typing import NDArray
 from rclpy.node import Node
-from rclpy.time import Time
 from std_msgs.msg import Header
 
 from lrtrav_ros.config import MapsConfig
 from lrtrav_ros.detector import LongRange
+from lrtrav_ros.io.message_frames import stamp_to_ns
 from lrtrav_ros.io.pictures import overlay
 from lrtrav_ros.mapping.grid import Grid, ground_grid
 from lrtrav_ros.mapping.ground_frame import GroundFrame, ground_frame_id
@@ -84,7 +84,7 @@ class LongRangeOutputs:
             return ""
         if geometry.line is None:
             return f"no grid in {frame}: {NO_GROUND}"
-        camera = self._transforms.pose(frame, header.frame_id, stamp_ns=Time.from_msg(header.stamp).nanoseconds)
+        camera = self._transforms.pose(frame, header.frame_id, stamp_ns=stamp_to_ns(header.stamp))
         if camera is None:
             return f"no grid in {frame}: {self._transforms.problem}"
         ground = camera @ GroundFrame.of(geometry.line, geometry.camera).pose_in_camera

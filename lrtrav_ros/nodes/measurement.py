@@ -19,6 +19,7 @@ from typing import Any
 
 import numpy as np
 import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.context import Context
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
@@ -58,6 +59,8 @@ class NodesFigures:
         Frames published and masks received per second.
     latency_median_ms, latency_p99_ms : float
         From the publication of a frame's last image until its mask is received; NaN where no mask came.
+    frame_ms : float
+        Median of the milliseconds that the node that publishes the masks took for a frame, by its diagnostics.
     dropped_share : float
         Share of the frames that no mask came for, 0 to 1.
     cpu_share : float
@@ -74,6 +77,7 @@ class NodesFigures:
     rate_out_hz: float
     latency_median_ms: float
     latency_p99_ms: float
+    frame_ms: float
     dropped_share: float
     cpu_share: float
     start_s: float
@@ -83,7 +87,12 @@ class NodesFigures:
 
 
 def measure_nodes(
-    frames: Sequence[Frame], settings: Mapping[str, Value], *, rate_hz: float, seconds: float
+    frames: Sequence[Frame],
+    settings: Mapping[str, Value],
+    *,
+    rate_hz: float,
+    seconds: float,
+    node: str = "long_range",
 ) -> NodesFigures:
     """Start the `detector`, publish frames, and time the masks; two seconds of frames go before the measurement.
 
@@ -99,6 +108,8 @@ def measure_nodes(
         Frames per second, above 0.
     seconds : float
         How long to measure, above 0.
+    node : str
+        Whose masks are timed: ``long_range`` or ``short_range``.
 
     Returns
     -------
@@ -122,7 +133,7 @@ def measure_nodes(
     domain_id = 1 + os.getpid() % _N_DOMAINS
     use_segment(IMAGES_PROFILE)
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-    with _Detector(domain_id, {**settings, "source": source}) as detector, _Camera(domain_id, source) as camera:
+    with _Detector(domain_id, {**settings, "source": source}) as detector, _Camera(domain_id, source, node) as camera:
         detector.wait_until_ready()
         camera.wait_for_detector(detector)
         camera.publish(messages, rate_hz=rate_hz, seconds=min(_SETTLE_S, seconds))
@@ -130,7 +141,7 @@ def measure_nodes(
         published_s = camera.publish(messages, rate_hz=rate_hz, seconds=seconds)
         after = detector.usage()
         camera.wait_for(published_s, timeout_s=_LATE_S)
-        return _figures(source, published_s, camera.received_s, before, after, detector)
+        return _figures(source, published_s, camera, before, after, detector)
 
 
 @dataclass(frozen=True, slots=True)
@@ -251,8 +262,9 @@ def _as_yaml(value: Value) -> str:
 class _Camera:
     """Publishes the messages of a camera, and notes when masks come."""
 
-    def __init__(self, domain_id: int, source: str) -> None:
+    def __init__(self, domain_id: int, source: str, node: str) -> None:
         self.received_s: dict[int, float] = {}
+        self.frame_ms = float("nan")
         self._context = Context()
         rclpy.init(args=[], context=self._context, domain_id=domain_id)
         self._node = Node("camera", context=self._context)
@@ -266,9 +278,9 @@ class _Camera:
         self._publishers: dict[str, Publisher] = {
             topic: self._node.create_publisher(kind, topic, qos) for topic, kind in kinds.items()
         }
-        self._masks = self._node.create_subscription(
-            Image, "long_range/mask", self._take, QoSProfile(depth=5), raw=True
-        )
+        self._masks = self._node.create_subscription(Image, f"{node}/mask", self._take, QoSProfile(depth=5), raw=True)
+        self._status = f"{node}: frames"
+        self._node.create_subscription(DiagnosticArray, "/diagnostics", self._take_diagnostics, QoSProfile(depth=5))
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self._node)
         self._thread = threading.Thread(target=self._spin, daemon=True)
@@ -316,6 +328,11 @@ class _Camera:
         sec, nanosec = struct.unpack_from("<iI", message, 4)
         self.received_s[sec * 10**9 + nanosec] = time.monotonic()
 
+    def _take_diagnostics(self, message: DiagnosticArray) -> None:
+        for status in message.status:
+            if status.name == self._status:
+                self.frame_ms = float(next(each.value for each in status.values if each.key == "median frame [ms]"))
+
     def _spin(self) -> None:
         with suppress(ExternalShutdownException):
             self._executor.spin()
@@ -329,11 +346,12 @@ def _with_stamp(data: bytes, stamp_ns: int) -> bytes:
 def _figures(
     source: str,
     published_s: Mapping[int, float],
-    received_s: Mapping[int, float],
+    camera: _Camera,
     before: _Usage,
     after: _Usage,
     detector: _Detector,
 ) -> NodesFigures:
+    received_s = camera.received_s
     latencies_ms = [1e3 * (received_s[stamp] - at_s) for stamp, at_s in published_s.items() if stamp in received_s]
     seconds = after.at_s - before.at_s
     in_time = sum(before.at_s <= at_s < after.at_s for at_s in received_s.values())
@@ -344,6 +362,7 @@ def _figures(
         rate_out_hz=in_time / seconds,
         latency_median_ms=float(median_ms),
         latency_p99_ms=float(p99_ms),
+        frame_ms=camera.frame_ms,
         dropped_share=1 - len(latencies_ms) / len(published_s),
         cpu_share=(after.cpu_s - before.cpu_s) / seconds,
         start_s=detector.start_s,

@@ -99,6 +99,15 @@ def explain_silence(node: Node, name: str, subscription: Subscription, *, waited
         return f"nothing has come on {name} for {waited_s:.0f} s ({err})"
 
 
+def explain_publishers(node: Node, topic: str) -> str:
+    """Return who publishes a topic where more than one does, so that their messages mix; empty elsewhere."""
+    n = node.count_publishers(topic)
+    if n < 2:
+        return ""
+    names = _names(node.get_publishers_info_by_topic(topic))
+    return f"{n} publishers on {topic}: {names}; end all but one, or remap"
+
+
 @dataclass(frozen=True, slots=True)
 class _Wanted:
     """What is subscribed to: the name to remap, the full name and the type, and what the parameters say of images."""

@@ -99,4 +99,6 @@ def _compile_apart() -> None:
     """Compile what is not cached yet, then restart the process: the compiler would keep 130 MB that nothing needs."""
     if compile_kernels(Config().updated(NODE_DEFAULTS)) and _COMPILED not in os.environ:
         os.environ[_COMPILED] = "1"  # once only: there may be no place to cache kernels
+        # Python would be killed by a signal until it has begun anew.
+        signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGINT, signal.SIGTERM))
         os.execv(sys.executable, sys.orig_argv)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
+from functools import partial
 from typing import Any
 
 from std_msgs.msg import Header
@@ -13,8 +14,8 @@ from lrtrav_ros.detector import ShortRangeDetector
 from lrtrav_ros.frame import Frame
 from lrtrav_ros.io.message_frames import FrameMessages, frame_of
 from lrtrav_ros.nodes import messages
-from lrtrav_ros.nodes.diagnostics import Diagnostics, report_failure
-from lrtrav_ros.nodes.inputs import INPUTS, Input
+from lrtrav_ros.nodes.diagnostics import Diagnostics, report_failure, report_refusal
+from lrtrav_ros.nodes.inputs import INPUTS, Input, received_by
 from lrtrav_ros.nodes.long_range_inputs import LeftImage, NearGeometry, ShortRangeLink
 from lrtrav_ros.nodes.long_range_node import LongRangeNode
 from lrtrav_ros.nodes.managed_node import ManagedNode
@@ -55,16 +56,10 @@ class ShortRangeNode(ManagedNode):
         """Make the subscriptions and the worker."""
         source = self._settings.config.source.source
         self._cached_detector = ShortRangeDetector(self._settings.config)
-        self._worker: Worker[FrameMessages] = Worker(self._process, failed=lambda err: report_failure(self, err))
-        self._input: Input = INPUTS[source](self, self._settings, self._worker.put, self._worker.refuse)
+        self._worker: Worker[FrameMessages] = Worker(self._process, failed=self._report)
+        self._input: Input = INPUTS[source](self, self._settings, self._worker.put, partial(report_refusal, self))
         self._link = self._linked(source)
-        self._diagnostics = Diagnostics(
-            self,
-            self._worker,
-            problem=self._problem,
-            frame_topic=lambda: self._input.frame_topic,
-            n_replaced=lambda: self._input.calibrated.n_replaced,
-        )
+        self._diagnostics = Diagnostics(self, self._worker, lambda: received_by(self._input), problem=self._problem)
         self._worker.start()
         self.get_logger().info(f"ready; source: {source}")
 
@@ -76,6 +71,7 @@ class ShortRangeNode(ManagedNode):
         """Forget calibration, the ground of the frames before, and statistics."""
         self._input.forget()
         self._worker.forget()
+        self._diagnostics.forget()
         self._outputs.forget()
         self._cached_detector = ShortRangeDetector(self._settings.config)
 
@@ -90,13 +86,18 @@ class ShortRangeNode(ManagedNode):
             occupancy_topic=self._outputs.occupancy.topic_name,
         )
 
+    def _report(self, err: Exception) -> None:
+        """Log why a frame failed."""
+        report_failure(self, err, self._input.topics)
+
     def _problem(self) -> str:
         """Return why no frames come, or what is wrong with those that do."""
         return self._input.problem() or self._outputs.problem()
 
     def _process(self, frame_messages: FrameMessages) -> None:
         decoded = frame_messages.decoded()
-        frame, header = frame_of(decoded), messages.header_of(decoded)
+        frame = frame_of(decoded, max_pixels=self._settings.config.source.max_pixels)
+        header = messages.header_of(decoded)
         self._outputs.publish_left(header, frame)
         detector = self._detector()
         with self._handed_over(frame, header) as give:

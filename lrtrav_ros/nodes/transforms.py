@@ -7,7 +7,6 @@ from typing import Any
 from rclpy.node import Node
 from rclpy.qos import QoSDurabilityPolicy, QoSProfile
 from rclpy.time import Time
-from sensor_msgs.msg import CameraInfo
 
 from lrtrav_ros.io.static_transforms import StaticTransforms
 from lrtrav_ros.pose import Pose
@@ -100,7 +99,7 @@ class DepthPose:
         self._given = Pose.parsed(text) if text else None
         self._lookup = None if text else TransformLookup(node)
 
-    def of(self, left: CameraInfo, depth: CameraInfo) -> Pose | None:
+    def of(self, left: Any, depth: Any) -> Pose | None:
         """Return the pose for the frames that two CameraInfo name; None where it is not known."""
         if self._lookup is None:
             return self._given

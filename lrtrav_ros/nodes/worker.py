@@ -6,13 +6,45 @@ import statistics
 import threading
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from concurrent.futures import CancelledError
+from dataclasses import dataclass, field
+from functools import partial
 from typing import Generic, TypeVar
+
+from lrtrav_ros.nodes.input_topic import Failures
 
 _Item = TypeVar("_Item")
 
 _RATE_WINDOW_S = 5.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WorkerCounts:
+    """What came of frames up to a moment; those that were put are the sum of the others.
+
+    Attributes
+    ----------
+    put : int
+        Frames that were left for the worker.
+    processed, dropped, failed : int
+        Frames that were processed, that a newer one replaced or that were given up, and that raised an exception.
+    waiting : int
+        The frame that waits, and the one at hand.
+    failures : mapping of str to Failures
+        Those that failed, by the part of the frame that is to blame; by an empty name where none is.
+    """
+
+    put: int = 0
+    processed: int = 0
+    dropped: int = 0
+    failed: int = 0
+    waiting: int = 0
+    failures: Mapping[str, Failures] = field(default_factory=dict)
+
+    def failed_by(self, part: str) -> Failures:
+        """Return the frames that failed by a part of them."""
+        return self.failures.get(part, Failures())
 
 
 class Worker(Generic[_Item]):
@@ -24,29 +56,16 @@ class Worker(Generic[_Item]):
         Processes one frame; raises `CancelledError` where it has to give it up, and that counts as dropped.
     failed : callable
         Called with the exception that a frame raised, whatever it is; the worker continues with the next frame.
-
-    Attributes
-    ----------
-    processed, dropped, failed : int
-        Number of frames that were processed, that a newer one replaced or that were given up, and that raised an
-        exception.
-    damaged : int
-        Number of messages that were refused, of whatever topic: no frame can be made of them.
-    error : str
-        Why the last frame failed; empty where it did not.
     """
 
     def __init__(self, process: Callable[[_Item], None], *, failed: Callable[[Exception], None]) -> None:
-        self.processed = 0
-        self.dropped = 0
-        self.failed = 0
-        self.damaged = 0
-        self.error = ""
+        self._set_counts()
         self._process = process
         self._report = failed
         self._durations_s: deque[float] = deque(maxlen=100)
         self._finished_s: deque[float] = deque(maxlen=1000)
         self._slot: list[_Item] = []
+        self._is_busy = self._is_forgotten = False  # with a frame at hand, which is from before the counts began
         self._closed = False
         self._changed = threading.Condition()
         self._thread = threading.Thread(target=self._run, name="worker", daemon=True)
@@ -58,23 +77,35 @@ class Worker(Generic[_Item]):
     def put(self, frame: _Item) -> None:
         """Leave a frame for the worker; one that still waits is replaced and counted as dropped."""
         with self._changed:
-            self.dropped += len(self._slot)
+            self._put += 1
+            self._dropped += len(self._slot)
             self._slot[:] = [frame]
             self._changed.notify()
 
-    def refuse(self, err: Exception) -> None:
-        """Count and report a message that is too damaged for a frame to be put."""
-        self.damaged += 1
-        self._explain(err)
-
     def forget(self) -> None:
-        """Set all counts to 0, and drop the frame that waits."""
+        """Set all counts to 0, and drop the frame that waits; the one at hand is not counted when it ends."""
         with self._changed:
             self._slot.clear()
-            self.processed = self.dropped = self.failed = self.damaged = 0
-            self.error = ""
+            self._is_forgotten = self._is_busy
+            self._set_counts()
             self._durations_s.clear()
             self._finished_s.clear()
+
+    def counts(self) -> WorkerCounts:
+        """Return the counts of one moment."""
+        with self._changed:
+            return WorkerCounts(
+                put=self._put,
+                processed=self._processed,
+                dropped=self._dropped,
+                failed=sum(failures.n for failures in self._failures.values()),
+                waiting=len(self._slot) + (self._is_busy and not self._is_forgotten),
+                failures=dict(self._failures),
+            )
+
+    def _set_counts(self) -> None:
+        self._put = self._processed = self._dropped = 0
+        self._failures: dict[str, Failures] = {}
 
     def close(self) -> None:
         """End the thread after the frame at hand; may be called twice."""
@@ -104,6 +135,7 @@ class Worker(Generic[_Item]):
         """Wait for a frame and return it, or None when the worker is to end."""
         with self._changed:
             self._changed.wait_for(lambda: self._slot or self._closed)
+            self._is_busy = not self._closed
             return None if self._closed else self._slot.pop()
 
     def _run(self) -> None:
@@ -112,24 +144,29 @@ class Worker(Generic[_Item]):
             try:
                 self._process(frame)
             except CancelledError:
-                with self._changed:
-                    self.dropped += 1
+                self._end(self._count_dropped)
             except Exception as err:  # the worker outlives every frame
-                with self._changed:
-                    self.failed += 1
-                self._explain(err)
+                self._end(partial(self._count_failed, err))
+                self._report(err)
             else:
-                self._count(time.monotonic() - start)
+                self._end(partial(self._count_processed, start))
             del frame  # it may hold megabytes while the worker waits
 
-    def _count(self, duration_s: float) -> None:
-        """Count a frame that was processed."""
+    def _end(self, count: Callable[[], None]) -> None:
+        """End with the frame at hand, and count it, unless all before has been forgotten."""
         with self._changed:
-            self._durations_s.append(duration_s)
-            self._finished_s.append(time.monotonic())
-            self.error = ""
-            self.processed += 1
+            if not self._is_forgotten:
+                count()
+            self._is_busy = self._is_forgotten = False
 
-    def _explain(self, err: Exception) -> None:
-        self.error = str(err) or type(err).__name__
-        self._report(err)
+    def _count_dropped(self) -> None:
+        self._dropped += 1
+
+    def _count_failed(self, err: Exception) -> None:
+        part = getattr(err, "part", "")
+        self._failures[part] = self._failures.get(part, Failures()).plus(str(err) or type(err).__name__)
+
+    def _count_processed(self, start_s: float) -> None:
+        self._durations_s.append(time.monotonic() - start_s)
+        self._finished_s.append(time.monotonic())
+        self._processed += 1

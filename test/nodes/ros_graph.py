@@ -66,14 +66,16 @@ def camera_info(*, right=False, fx=CAMERA.fx, baseline_m=CAMERA.baseline_m, size
 class Graph:
     """Nodes under test beside a node that talks to them, all spun by one executor."""
 
-    def __init__(self, *factories, namespace, settings):
+    def __init__(self, *factories, namespace, settings, window_s=0.3):
         overrides = [Parameter(name, value=setting) for name, setting in settings.items()]
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(diagnostics, "PERIOD_S", 0.1)  # the tests wait for diagnostics all the time
+            patch.setattr(diagnostics, "WINDOW_S", window_s)  # and for failures to be forgotten
             self.nodes = [factory(namespace=namespace, parameter_overrides=overrides) for factory in factories]
         self.tester = Node("tester", namespace=namespace)
         self.received = defaultdict(list)
         self._publishers = {}
+        self._clients = {}
         self._executor = SingleThreadedExecutor()
         for node in (*self.nodes, self.tester):
             self._executor.add_node(node)
@@ -84,12 +86,18 @@ class Graph:
             node.destroy_node()
         self._executor.shutdown()
 
-    def spin_until(self, predicate, timeout_s=10.0):
+    def spin_until(self, predicate, timeout_s=60.0):
         """Spin until `predicate` holds; fail where it does not in time."""
         deadline = time.monotonic() + timeout_s
         while not predicate():
             assert time.monotonic() < deadline, f"not within {timeout_s} s; received {self.counts()}"
             self._executor.spin_once(timeout_sec=0.05)
+
+    def spin_for(self, seconds):
+        """Spin for so long."""
+        end = time.monotonic() + seconds
+        while (left_s := end - time.monotonic()) > 0:
+            self._executor.spin_once(timeout_sec=left_s)
 
     def counts(self):
         return {topic: len(messages) for topic, messages in self.received.items()}
@@ -114,13 +122,18 @@ class Graph:
         """Publish once that many nodes are there to take it."""
         self.publisher(type(message), topic, n_subscriptions).publish(message)
 
-    def call(self, kind, name, request, timeout_s=10.0):
+    def stop_publishing(self, topic):
+        """Destroy the publisher on a topic."""
+        self.tester.destroy_publisher(self._publishers.pop(topic))
+
+    def call(self, kind, name, request, timeout_s=60.0):
         """Call a service, and return its response."""
-        client = self.tester.create_client(kind, name)
+        if name not in self._clients:  # a new one may take seconds to find its service
+            self._clients[name] = self.tester.create_client(kind, name)
+        client = self._clients[name]
         self.spin_until(client.service_is_ready)
         future = client.call_async(request)
         self.spin_until(future.done, timeout_s)
-        self.tester.destroy_client(client)
         return future.result()
 
     def at(self, topic, stamp):
@@ -132,16 +145,19 @@ class Graph:
         self.spin_until(matching)
         return matching()[0]
 
-    def status(self, node, predicate=lambda status: True):
-        """Wait for a diagnostic status of `node` from now on for which `predicate` holds, and return it."""
+    def status(self, node, predicate=lambda status: True, *, name="frames"):
+        """Wait for a diagnostic status of `node` from now on for which `predicate` holds, and return it.
+
+        `name` is that of one of its topics, or of its frames.
+        """
         begin = time.time()
 
         def matching():
             arrays = [array for array in self.received["/diagnostics"] if _seconds(array) >= begin]
             statuses = [item for array in arrays for item in array.status]
-            return [item for item in statuses if item.name.startswith(f"{node}:") and predicate(item)]
+            return [item for item in statuses if item.name == f"{node}: {name}" and predicate(item)]
 
-        self.spin_until(matching, timeout_s=12.0)
+        self.spin_until(matching)
         return matching()[-1]
 
 
@@ -180,8 +196,10 @@ def process_starter():
         processes.append(subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=ROOT))
         return processes[-1]
 
-    yield start
-    for process in processes:
-        if process.poll() is None:
-            process.kill()
-        process.communicate()
+    try:
+        yield start
+    finally:
+        for process in processes:
+            if process.poll() is None:
+                process.kill()
+            process.communicate()

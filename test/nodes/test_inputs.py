@@ -10,6 +10,7 @@ import pytest
 pytest.importorskip("rclpy")
 
 from raw_cameras import calibrations
+from rclpy.serialization import serialize_message
 from ros_graph import (
     CAMERA,
     FRAME_ID,
@@ -116,9 +117,24 @@ def test_disparity_without_geometry_is_reported(of_disparity):
     graph.publish("left/camera_info", camera_info())
     message = DisparityImage(header=header(next(STAMPS)), image=image(ground_disparity(), 0), f=0.0, t=0.2)
     graph.publish("disparity", message)
-    status = graph.status("short_range", lambda status: "last frame failed" in status.message)
+    status = graph.status("short_range", lambda status: "frames failed" in status.message)
     assert "f = 0 and t = 0.2" in status.message
     assert value(status, "frames failed") == 1
+
+
+def test_calibration_that_cannot_be_decoded_is_refused(of_disparity):
+    graph, _ = of_disparity
+    topic = "left/camera_info"
+    before = graph.status("short_range", name=topic)
+    data = serialize_message(camera_info())
+    no_text = data[:16] + b"\xff\xfe\xc0\x80" + data[20:]
+    for n, damaged in enumerate((data[:4], data[:60], no_text), start=1):
+        graph.publisher(CameraInfo, topic).publish(damaged)
+        refused = value(before, "refused") + n
+        status = graph.status("short_range", lambda status, n=refused: value(status, "refused") == n, name=topic)
+    assert value(status, "received") == value(before, "received") + 3
+    reason = next(item.value for item in status.values if item.key == "last refusal")
+    assert reason.startswith(f"damaged message: {len(data)} bytes are no sensor_msgs/msg/CameraInfo")
 
 
 @pytest.mark.parametrize("encoding", ["32FC1", "16UC1"])
@@ -207,7 +223,8 @@ def test_a_broken_compressed_image_is_reported(of_compressed):
     for side, n_subscriptions in (("right", 1), ("left", 2)):
         message = CompressedImage(header=header(stamp), format="jpeg", data=b"\xff\xd8\xff")
         graph.publish(f"{side}/image_rect/compressed", message, n_subscriptions)
-    status = graph.status("short_range", lambda status: "last frame failed" in status.message)
+    status = graph.status("short_range", lambda status: "refused" in status.message)
+    assert "messages on /stereo_1/left/image_rect/compressed refused" in status.message
     assert "compressed image of format 'jpeg'" in status.message
 
 
@@ -294,8 +311,11 @@ def test_a_slow_calibration_is_waited_for_in_silence(of_raw, monkeypatch):
     calibrated.forget()
 
 
-def test_a_lens_that_cannot_be_rectified_is_reported(of_raw):
-    graph, config = of_raw
-    publish_raw(graph, config, next(STAMPS), raw_pair_of_ground(), distortion_model="fov")
-    status = graph.status("short_range", lambda status: "last frame failed" in status.message)
-    assert "distortion model 'fov' is not supported" in status.message
+def test_a_lens_that_cannot_be_rectified_is_refused(of_raw):
+    graph, _ = of_raw
+    fields = {**calibrations(RAW)[0], "distortion_model": "fov"}
+    graph.publish("left/camera_info", CameraInfo(header=header(0), **fields), n_subscriptions=2)
+    for node in ("short_range", "long_range"):
+        status = graph.status(node, lambda status: "refused" in status.message)
+        assert "/left/camera_info refused" in status.message
+        assert "distortion model 'fov' is not supported" in status.message

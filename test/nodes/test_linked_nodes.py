@@ -74,7 +74,7 @@ def test_where_the_short_range_fails_the_long_range_gives_up_quietly(graph, monk
         dropped = value(before, "frames dropped") + 1
         after = graph.status("long_range", lambda status: value(status, "frames dropped") == dropped)
     assert value(after, "frames failed") == value(before, "frames failed")
-    assert after.message == "running"
+    assert "failed" not in after.message
     assert "division" in graph.status("short_range").message
     stamp = next(STAMPS)
     publish(graph, stereo_pair(), stamp, n_left=1)
@@ -85,7 +85,8 @@ def test_a_damaged_image_is_skipped_and_counted_once(graph):
     before = {node: value(graph.status(node), "frames failed") for node in ("short_range", "long_range")}
     graph.publisher(Image, "left/image_rect").publish(b"\x00\x01\x00\x00")
     status = graph.status("short_range", lambda status: value(status, "frames failed") == before["short_range"] + 1)
-    assert status.message == "last frame failed: damaged message: 4 bytes are no sensor_msgs/msg/Image"
+    assert "messages on /linked/left/image_rect refused in the last 0.3 s; last, 0 s ago: " in status.message
+    assert "damaged message: 4 bytes are no sensor_msgs/msg/Image" in status.message
     stamp = next(STAMPS)
     publish(graph, stereo_pair(), stamp, n_left=1)
     assert graph.at("long_range/mask", stamp).width == WIDTH

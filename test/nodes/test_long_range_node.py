@@ -8,6 +8,8 @@ import pytest
 
 pytest.importorskip("rclpy")
 
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState
 from nav_msgs.msg import OccupancyGrid
 from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
@@ -29,7 +31,7 @@ from std_srvs.srv import Empty
 from lrtrav_ros.config import NODE_DEFAULTS, Config
 from lrtrav_ros.detector import LongRangeDetector
 from lrtrav_ros.io.encodings import decode_message
-from lrtrav_ros.io.message_frames import header_stamp_ns
+from lrtrav_ros.io.message_frames import PartError, header_stamp_ns
 from lrtrav_ros.nodes import long_range_inputs
 from lrtrav_ros.nodes.long_range_node import LongRangeNode
 from lrtrav_ros.nodes.messages import disparity_to_message
@@ -58,7 +60,7 @@ def graph(shared_graph):
 
 CHANGED_BY_TESTS = (
     *("superpixels.n_superpixels", "features.texture", "extension.rule", "extension.min_share"),
-    *("memory.frames", "memory.max_gap_s"),
+    *("memory.frames", "memory.max_gap_s", "source.max_pixels"),
 )
 
 
@@ -258,3 +260,74 @@ def test_a_geometry_that_comes_is_waited_for_until_it_is_lost(mapped, monkeypatc
     detected(mapped, FAR, last)
     mapped.at("long_range/grid", last)
     assert {header_stamp_ns(message) for message in mapped.received["long_range/grid"]} == {late, last}
+
+
+TOO_LARGE = "image is 160 x 240 pixels (width x height); source.max_pixels allows 19200"
+
+
+@pytest.mark.parametrize("spoilt", ["disparity", "short_range/ground_disparity"])
+def test_a_geometry_that_is_refused_costs_the_maps_alone(mapped, spoilt):
+    set_parameters(mapped, {"source.max_pixels": HEIGHT * WIDTH})
+    failed, first = value(mapped.status("long_range"), "frames failed"), start(mapped)
+    others = [name for name in ("short_range/ground_disparity", "disparity") if name != spoilt]
+    mapped.publish("left/camera_info", camera_info())
+    sizes = ((HEIGHT // 2, "disparity is 160 x 60 pixels, but the occupancy is 160 x 120"), (2 * HEIGHT, TOO_LARGE))
+    for n_before, (height, reason) in enumerate(sizes):
+        stamp = first + n_before * PERIOD_NS
+        publish_geometry(mapped, stamp, others)
+        disparity = np.resize(ground_disparity(), (height, WIDTH))
+        mapped.publish(spoilt, disparity_to_message(disparity, header(stamp), CAMERA, n_disparities=N_DISPARITIES))
+        detected(mapped, FAR, stamp)
+        n_refused = n_before + 1
+        status = mapped.status("long_range", lambda status, n=n_refused: value(status, "refused") == n, name=spoilt)
+        assert value(status, "received") == value(status, "processed") + n_refused
+        assert reason in status.message
+    assert value(mapped.status("long_range"), "frames failed") == failed
+    publish_geometry(mapped, stamp + PERIOD_NS)
+    detected(mapped, FAR, stamp + PERIOD_NS)
+    mapped.at("long_range/grid", stamp + PERIOD_NS)
+    assert not {first, stamp} & {header_stamp_ns(message) for message in mapped.received["long_range/grid"]}
+
+
+def test_an_occupancy_of_more_pixels_than_are_allowed_is_refused(graph):
+    set_parameters(graph, {"source.max_pixels": HEIGHT * WIDTH})
+    stamp = start(graph)
+    graph.publish("left/image_rect", image(FAR[0], stamp))
+    graph.publish("short_range/occupancy", image(np.zeros((2 * HEIGHT, WIDTH), np.uint8), stamp))
+    status = graph.status("long_range", lambda status: value(status, "refused") == 1, name="short_range/occupancy")
+    assert TOO_LARGE in status.message
+
+
+def test_a_geometry_from_before_a_reset_is_not_counted_when_it_is_refused(mapped, monkeypatch):
+    entered, gate = threading.Event(), threading.Event()
+
+    def refuse_late(*messages):
+        entered.set()
+        gate.wait(60)
+        raise PartError("disparity", "late")
+
+    stamp = start(mapped)
+    mapped.publish("left/camera_info", camera_info())
+    publish_geometry(mapped, stamp)
+    with monkeypatch.context() as patch:
+        patch.setattr(long_range_inputs, "_geometry_of", refuse_late)
+        detected(mapped, FAR, stamp)
+        mapped.spin_until(entered.is_set)
+        reset(mapped)
+        gate.set()
+        detected(mapped, FAR, stamp + PERIOD_NS)  # without geometry: the calibration is forgotten
+    status = mapped.status("long_range", name="disparity")
+    assert (value(status, "received"), value(status, "processed"), value(status, "refused")) == (0, 0, 0)
+
+
+def test_a_node_that_waits_for_its_geometry_is_deactivated_at_once(mapped, monkeypatch):
+    monkeypatch.setattr(long_range_inputs, "_GEOMETRY_TIMEOUT_S", 60.0)
+    stamp = start(mapped)
+    mapped.publish("left/camera_info", camera_info())
+    publish_geometry(mapped, stamp)
+    detected(mapped, FAR, stamp)
+    mapped.at("long_range/grid", stamp)
+    detected(mapped, FAR, stamp + PERIOD_NS)  # and waits now
+    for transition in (Transition.TRANSITION_DEACTIVATE, Transition.TRANSITION_ACTIVATE):
+        request = ChangeState.Request(transition=Transition(id=transition))
+        assert mapped.call(ChangeState, "long_range/change_state", request).success

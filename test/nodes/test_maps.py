@@ -25,6 +25,7 @@ from ros_graph import (
     header,
     image,
     stereo_pair,
+    value,
 )
 from sensor_msgs.msg import Image, PointCloud2
 from stereo_msgs.msg import DisparityImage
@@ -34,6 +35,7 @@ from lrtrav_ros.io.encodings import decode_message
 from lrtrav_ros.mapping.grid import ground_grid
 from lrtrav_ros.mapping.points import free_points, obstacle_points
 from lrtrav_ros.mapping.segmentation import segmentation_mask, segmentation_points
+from lrtrav_ros.nodes import long_range_outputs
 from lrtrav_ros.nodes.long_range_node import LongRangeNode
 from lrtrav_ros.nodes.messages import disparity_to_message
 from lrtrav_ros.nodes.short_range_node import ShortRangeNode
@@ -221,6 +223,22 @@ def test_parameters_of_maps_take_effect_with_the_next_frame(linked, messages, pa
         short_range.set_parameters([Parameter("maps.length_m", value=12.0)])
 
 
+def test_a_frame_whose_maps_cannot_be_made_fails_when_its_masks_are_out(linked, messages, pair, monkeypatch):
+    def refuse(*parts):
+        raise ValueError("too many cells")
+
+    failed = value(linked.status("long_range"), "frames failed")
+    with monkeypatch.context() as patch:
+        patch.setattr(long_range_outputs, "ground_grid", refuse)
+        publish(linked, pair, (stamp := next(STAMPS)))
+        linked.at("segmentation/mask", stamp)
+        status = linked.status("long_range", lambda status: value(status, "frames failed") == failed + 1)
+    assert status.message.endswith(" s ago: too many cells")
+    publish(linked, pair, (stamp := next(STAMPS)))
+    linked.at("long_range/grid", stamp)
+    assert value(linked.status("long_range"), "frames failed") == failed + 1
+
+
 def test_nodes_apart_give_the_same_maps(apart, pair, found):
     stamp = next(STAMPS)
     publish(apart, pair, stamp, n_left=2, n_info=2)
@@ -253,6 +271,18 @@ def test_maps_of_a_disparity_image(ros):
         cells = cells_of(graph.at("long_range/grid", stamp))
         assert np.mean(cells[38:42, 20:40] == 0) > 0.9
         assert not np.any(cells == 100)
+    finally:
+        graph.close()
+
+
+def test_a_grid_in_the_frame_of_the_images_needs_no_tf_even_before_1970(ros):
+    pair, stamp = NodePair(), -(10**9)
+    settings = {**SETTINGS, "maps.frame": FRAME_ID}
+    graph = Graph(pair.long_range, pair.short_range, namespace="maps_own_frame", settings=settings)
+    try:
+        graph.listen(OccupancyGrid, "long_range/grid")
+        publish(graph, pair_with_box(), stamp)
+        assert graph.at("long_range/grid", stamp).header.frame_id == FRAME_ID
     finally:
         graph.close()
 

@@ -19,10 +19,11 @@ STEREO = Frame(camera=CAMERA, left=LEFT, right=RIGHT)
 DISPARITY = Frame(camera=CAMERA, left=LEFT, disparity=ground_disparity())
 
 
-@pytest.mark.parametrize("frame", [STEREO, DISPARITY])
-def test_figures_of_a_second_at_a_low_rate(frame):
-    figures = measure_nodes([frame], SETTINGS, rate_hz=4.0, seconds=1.0)
+@pytest.mark.parametrize(("frame", "node"), [(STEREO, "long_range"), (DISPARITY, "short_range")])
+def test_figures_of_a_second_at_a_low_rate(frame, node):
+    figures = measure_nodes([frame], SETTINGS, rate_hz=4.0, seconds=1.0, node=node)
     assert figures.source == frame.source
+    assert figures.frame_ms > 0
     assert 0 < figures.rate_in_hz <= 4.0
     assert figures.rate_out_hz > 0
     assert 0 <= figures.dropped_share < 1

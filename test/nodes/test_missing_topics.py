@@ -20,7 +20,7 @@ from stereo_msgs.msg import DisparityImage
 from lrtrav_ros.config import LONG_RANGE_STAGES, SHORT_RANGE_STAGES
 from lrtrav_ros.nodes import endpoints
 from lrtrav_ros.nodes.diagnostics import Diagnostics
-from lrtrav_ros.nodes.inputs import INPUTS
+from lrtrav_ros.nodes.inputs import INPUTS, received_by
 from lrtrav_ros.nodes.long_range_inputs import TopicsInput
 from lrtrav_ros.nodes.missing_topics import AwaitedTopics, explain_silence
 from lrtrav_ros.nodes.parameters import Settings
@@ -42,14 +42,8 @@ class Waiting(Node):
         self.frames = []
         self.worker = Worker(self.frames.append, failed=lambda err: None)
         self.worker.start()
-        self.input = INPUTS[settings.config.source.source](self, settings, self.worker.put, self.worker.refuse)
-        Diagnostics(
-            self,
-            self.worker,
-            problem=self.input.problem,
-            frame_topic=lambda: self.input.frame_topic,
-            n_replaced=lambda: self.input.calibrated.n_replaced,
-        )
+        self.input = INPUTS[settings.config.source.source](self, settings, self.worker.put, print)
+        Diagnostics(self, self.worker, lambda: received_by(self.input), problem=self.input.problem)
 
     def destroy_node(self):
         self.worker.close()
@@ -245,7 +239,7 @@ def test_what_could_not_be_meant_is_listed_without_a_remap(publish, explain):
 
 def test_outputs_of_this_package_and_topics_without_a_publisher_are_not_offered(graph, publish, explain):
     publish("short_range/mask", Image)
-    subscription = graph.tester.create_subscription(Image, "/other/left/image_rect", print, 1)
+    subscription = graph.tester.create_subscription(Image, "/other/left/image_rect", lambda message: None, 1)
     assert explain("left/image_rect").endswith("nobody publishes it, nor any other topic of this type")
     assert explain("short_range/occupancy").endswith("nobody publishes it: start the short-range node, or remap it")
     graph.tester.destroy_subscription(subscription)
@@ -296,7 +290,7 @@ def test_a_publisher_that_fits_but_sends_nothing(publish, explain):
 def test_only_topics_that_have_not_come_are_told_of_and_only_after_some_time(graph):
     node = graph.nodes[0]
     awaited = AwaitedTopics(node)
-    subscription = endpoints.subscribe_info(node, "left/camera_info", print)
+    subscription = endpoints.subscribe_info(node, "left/camera_info", print, print)
     awaited.add("left/camera_info", subscription, lambda: False)
     awaited.add("right/image_rect", endpoints.subscribe_image(node, "right/image_rect", print, print), lambda: False)
     awaited.add("left/image_rect", subscription, lambda: True)
@@ -307,7 +301,7 @@ def test_only_topics_that_have_not_come_are_told_of_and_only_after_some_time(gra
 
 def test_a_node_that_has_ended_gives_no_reason(ros):
     node = Node("ended")
-    subscription = node.create_subscription(Image, "left/image_rect", print, 1)
+    subscription = node.create_subscription(Image, "left/image_rect", lambda message: None, 1)
     node.destroy_node()
     text = explain_silence(node, "left/image_rect", subscription, waited_s=7.0)
     assert text.startswith("nothing has come on left/image_rect for 7 s (")
@@ -316,7 +310,7 @@ def test_a_node_that_has_ended_gives_no_reason(ros):
 def test_a_node_says_what_it_waits_for_until_frames_come(ros, monkeypatch):
     monkeypatch.setattr("lrtrav_ros.nodes.inputs.PATIENCE_S", 0.5)
     monkeypatch.setattr("lrtrav_ros.nodes.diagnostics._CHANGE_PERIOD_S", 0.0)
-    graph = Graph(Waiting, namespace="waits", settings={})
+    graph = Graph(Waiting, namespace="waits", settings={}, window_s=60.0)
     try:
         graph.listen(Log, "/rosout")
         status = graph.status("waiting", lambda status: "nothing has come" in status.message)
@@ -364,7 +358,7 @@ def test_the_long_range_says_what_it_waits_for(ros, monkeypatch):
     monkeypatch.setattr("lrtrav_ros.nodes.long_range_inputs.PATIENCE_S", 0.0)
     node = Node("long")
     settings = Settings(node, LONG_RANGE_STAGES)
-    topics = TopicsInput(node, settings, lambda frame: None, lambda err: None, is_mapped=lambda: False)
+    topics = TopicsInput(node, settings, lambda frame: None, print, is_mapped=lambda: False)
     left, occupancy = topics.problem().splitlines()
     node.destroy_node()
     assert left.startswith("nothing has come on /left/image_rect (sensor_msgs/msg/Image, best effort) for 0 s: nobody")
@@ -386,6 +380,6 @@ def test_the_counts_add_up_whatever_is_damaged(ros):
         status = graph.status("waiting", lambda status: value(status, "frames processed") == 1)
         counts = {name: value(status, f"frames {name}") for name in ("received", "dropped", "failed", "unpaired")}
         assert counts == {"received": 3, "dropped": 0, "failed": 1, "unpaired": 1}
-        assert value(status, "messages damaged") == 2
+        assert value(status, "messages refused") == 2
     finally:
         graph.close()

@@ -17,6 +17,16 @@ from lrtrav_ros.nodes import shared_memory
 
 COMMAND = "import sys; from lrtrav_ros.commands import run; sys.exit(run(sys.argv[1], sys.argv[2:]))"
 FAST = ["-p", "stereo.matcher:=bm"]
+# What comes before the command: a signal to itself when a module is imported, and one from before the start.
+AT_IMPORT = """
+import os, sys
+sys.addaudithook(lambda event, args: event == "import" and args[0] == {module!r} and os.kill(os.getpid(), {number:d}))
+"""
+HELD_BACK = """
+import os, signal
+signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
+os.kill(os.getpid(), signal.SIGINT)
+"""
 
 
 @pytest.fixture(scope="module")
@@ -30,8 +40,8 @@ def graph(ros):
 def start():
     """Start an executable; end it where the test did not."""
     with process_starter() as start_command:
-        yield lambda name, *ros_args: start_command(
-            sys.executable, "-c", COMMAND, name, "--ros-args", "-r", "__ns:=/process", *ros_args
+        yield lambda name, *ros_args, code=COMMAND: start_command(
+            sys.executable, "-c", code, name, "--ros-args", "-r", "__ns:=/process", *ros_args
         )
 
 
@@ -49,7 +59,8 @@ def test_nodes_run_until_a_signal_and_end_well(graph, start, name, nodes, signal
 
     def seen():
         statuses = [status for array in graph.received["/diagnostics"] for status in array.status]
-        return {status.name for status in statuses if status.hardware_id.startswith("/process/")}
+        names = {status.name for status in statuses if status.hardware_id.startswith("/process/")}
+        return {name for name in names if name.endswith(": frames")}
 
     graph.spin_until(lambda: seen() == {f"{node}: frames" for node in nodes}, timeout_s=60)
     if name == "long_range_node":
@@ -58,7 +69,7 @@ def test_nodes_run_until_a_signal_and_end_well(graph, start, name, nodes, signal
         process.send_signal(number)
         with contextlib.suppress(subprocess.TimeoutExpired):
             process.wait(0.05)
-    graph.spin_until(lambda: process.poll() is not None, timeout_s=20)
+    graph.spin_until(lambda: process.poll() is not None)
     _, errors = process.communicate()
     assert process.returncode == 0
     assert errors.count("ready") == len(nodes)
@@ -79,14 +90,31 @@ def check_diagnostics(graph):
 
 
 @pytest.mark.parametrize(
-    ("delay_s", "number"), [(0.4, signal.SIGINT), (0.8, signal.SIGTERM), (1.2, signal.SIGINT), (1.2, signal.SIGTERM)]
+    ("module", "number"),
+    [
+        ("lrtrav_ros.nodes.process", signal.SIGINT),  # the first that the command imports
+        ("numba", signal.SIGTERM),
+    ],
 )
-def test_a_signal_during_the_start_ends_it_well(start, number, delay_s):
+def test_a_signal_while_it_imports_ends_it_well(start, module, number):
+    """Before that Python itself starts, and is killed by a signal as any program of it is."""
+    check_ends_well(start("detector", code=f"{AT_IMPORT.format(module=module, number=number)}{COMMAND}"))
+
+
+def test_a_signal_that_came_during_a_restart_ends_it_well(start):
+    check_ends_well(start("detector", code=f"{HELD_BACK}{COMMAND}"))
+
+
+def test_a_signal_while_nodes_are_made_ends_it_well(start):
     process = start("detector", *FAST)
-    with pytest.raises(subprocess.TimeoutExpired):
-        process.wait(delay_s)
-    process.send_signal(number)
-    _, errors = process.communicate(timeout=20)
+    errors = process.stderr.readline()
+    assert "long_range]: ready" in errors  # and the short range is not
+    process.send_signal(signal.SIGINT)
+    check_ends_well(process)
+
+
+def check_ends_well(process):
+    _, errors = process.communicate(timeout=60)
     assert process.returncode == 0
     assert "Traceback" not in errors
 

@@ -90,3 +90,11 @@ def test_frames_that_tell_nothing_count_for_nothing(check: RowCheck, clock: Cloc
         check.look(frame(1.3), np.zeros_like(DISPARITY))
         clock.now_s += 1.0
     assert check.offset_px is None
+
+
+def test_what_was_measured_long_ago_counts_no_longer(check: RowCheck, clock: Clock) -> None:
+    look(check, clock, 1.3, n=6)
+    clock.now_s = 41.0  # the measurements of seconds 1 to 5 are left
+    assert "(median of 5 frames)" in check.problem()
+    clock.now_s = 41.1
+    assert (check.offset_px, check.problem()) == (None, "")

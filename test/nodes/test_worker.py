@@ -5,7 +5,8 @@ from concurrent.futures import CancelledError
 
 import pytest
 
-from lrtrav_ros.nodes.worker import Worker
+from lrtrav_ros.io.message_frames import PartError
+from lrtrav_ros.nodes.worker import Worker, WorkerCounts
 
 DEADLINE_S = 10
 
@@ -55,25 +56,33 @@ def test_newest_wins_and_drops_are_counted(job):
     assert job.finished.acquire(timeout=DEADLINE_S)
     job.worker.close()
     assert job.done == [0, 3]
-    assert (job.worker.processed, job.worker.dropped, job.worker.failed) == (2, 2, 0)
+    assert job.worker.counts() == WorkerCounts(put=4, processed=2, dropped=2)
     assert job.worker.rate_hz > 0
     assert job.worker.last_ms > 0
     assert job.worker.median_ms > 0
 
 
-@pytest.mark.parametrize(("error", "text"), [(ValueError("too small"), "too small"), (KeyError(), "KeyError")])
-def test_a_failed_frame_is_reported_and_the_next_one_processed(job, error, text):
+@pytest.mark.parametrize(
+    ("error", "text", "part"),
+    [
+        (ValueError("too small"), "too small", ""),
+        (KeyError(), "KeyError", ""),
+        (PartError("left", "cut off"), "cut off", "left"),
+    ],
+)
+def test_a_failed_frame_is_reported_and_the_next_one_processed(job, error, text, part):
     job.gate.release()
     job.worker.put(error)
     assert job.finished.acquire(timeout=DEADLINE_S)
     assert job.reported == [error]
-    assert (job.worker.failed, job.worker.error) == (1, text)
+    failures = job.worker.counts().failed_by(part)
+    assert (failures.n, failures.last.reason) == (1, text)
     job.gate.release()
     job.worker.put(1)
     assert job.finished.acquire(timeout=DEADLINE_S)
     job.worker.close()
     assert job.done == [1]
-    assert (job.worker.processed, job.worker.failed, job.worker.error) == (1, 1, "")
+    assert job.worker.counts() == WorkerCounts(put=2, processed=1, failed=1, failures={part: failures})
 
 
 def test_a_frame_that_is_given_up_is_dropped_without_a_report(job):
@@ -86,14 +95,31 @@ def test_a_frame_that_is_given_up_is_dropped_without_a_report(job):
     job.worker.close()
     assert job.done == [1]
     assert job.reported == []
-    assert (job.worker.processed, job.worker.dropped, job.worker.failed, job.worker.error) == (1, 1, 0, "")
+    assert job.worker.counts() == WorkerCounts(put=2, processed=1, dropped=1)
 
 
-def test_a_message_that_is_refused_is_counted_apart_from_the_frames(job):
-    error = ValueError("damaged")
-    job.worker.refuse(error)
-    assert job.reported == [error]
-    assert (job.worker.damaged, job.worker.failed, job.worker.error) == (1, 0, "damaged")
+def test_counts_add_up_at_every_moment(job):
+    job.worker.put(0)
+    assert job.entered.acquire(timeout=DEADLINE_S)
+    job.worker.put(1)
+    job.worker.put(2)
+    assert job.worker.counts() == WorkerCounts(put=3, dropped=1, waiting=2)
+
+
+@pytest.mark.parametrize("frame", [0, ValueError("too small"), CancelledError()])
+def test_a_frame_at_hand_is_not_counted_after_all_was_forgotten(job, frame):
+    job.worker.put(frame)
+    assert job.entered.acquire(timeout=DEADLINE_S)
+    job.worker.put(1)
+    job.worker.forget()
+    assert job.worker.counts() == WorkerCounts()
+    job.worker.put(2)
+    job.gate.release()
+    assert job.entered.acquire(timeout=DEADLINE_S)
+    assert job.worker.counts() == WorkerCounts(put=1, waiting=1)
+    job.gate.release()
+    job.worker.close()
+    assert job.worker.counts() == WorkerCounts(put=1, processed=1)
 
 
 def test_close_ends_the_thread_with_frames_waiting_and_twice(job):
