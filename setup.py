@@ -90,7 +90,9 @@ setup(
         "test": [
             "catkin_pkg",
             "colcon-common-extensions",
+            "coverage",
             "distributed",
+            "hypothesis",
             "mypy",
             "pytest",
             "pytest-xdist",
