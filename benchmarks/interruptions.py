@@ -24,6 +24,7 @@ import signal
 import sys
 import tempfile
 import time
+import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -88,7 +89,9 @@ def commands(n_frames: int) -> dict[str, Command]:
 
 def started(arguments: Sequence[str | Path], log: Path) -> int:
     """Run a command in a process of its own; return its id."""
-    child = os.fork()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)  # of threads of libraries, which are idle here
+        child = os.fork()
     if child:
         return child
     try:
