@@ -731,11 +731,14 @@ class MapsConfig(CheckedConfig):
 
     def __post_init__(self) -> None:
         CheckedConfig.__post_init__(self)
-        n_cells = self.length_m / self.cell_m * self.width_m / self.cell_m
+        # A frame of others is turned: its grid is the box around the one of the camera.
+        area_m2 = (self.length_m + self.width_m) ** 2 / 2 if self.frame else self.length_m * self.width_m
+        n_cells = area_m2 / self.cell_m**2
+        where = " in another frame" if self.frame else ""
         if n_cells > _MAX_CELLS:
             raise ValueError(
                 f"maps.length_m {self.length_m:g} and maps.width_m {self.width_m:g} are {n_cells:.0f} cells of "
-                f"maps.cell_m {self.cell_m:g}, which {_TOO_SLOW}; give numbers that make {_MAX_CELLS} at most"
+                f"maps.cell_m {self.cell_m:g}{where}, which {_TOO_SLOW}; give numbers that make {_MAX_CELLS} at most"
             )
 
 

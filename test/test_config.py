@@ -190,3 +190,10 @@ def test_settings_that_together_take_too_long_are_refused():
         config.updated({"superpixels.n_superpixels": 501})
     with pytest.raises(ValueError, match="5 s of CPU time a frame; give 500 at most, or the distance 'correlation'"):
         Config().updated({"superpixels.n_superpixels": 20000}).updated({"features.distance": "earth_mover"})
+
+
+def test_a_long_grid_in_another_frame_is_bounded_by_the_box_around_it() -> None:
+    long = {"maps.length_m": 500.0, "maps.width_m": 1.0, "maps.cell_m": 0.01}
+    Config().updated(long)
+    with pytest.raises(ValueError, match=r"are 1255005000 cells of maps\.cell_m 0\.01 in another frame"):
+        Config().updated({**long, "maps.frame": "odom"})
