@@ -15,10 +15,23 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cache, partial
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from sample_arrays import (
+    CAMERA,
+    LINE,
+    Array,
+    NearGround,
+    bgr,
+    clusters,
+    disparity,
+    grey,
+    labels,
+    n_labels,
+    occupancy,
+    rng,
+)
 
 import lrtrav_ros
 from lrtrav_ros import config, detector, frame, rectification
@@ -56,11 +69,8 @@ from lrtrav_ros.synthetic.landscape import make_scene
 from lrtrav_ros.synthetic.rendering import camera_view
 from lrtrav_ros.synthetic.scene_config import SceneConfig
 
-Array = NDArray[Any]
 Arguments = dict[str, Any]
 
-CAMERA = StereoCamera(fx=20.0, cx=9.5, cy=2.0, baseline_m=0.3)
-LINE = ground.GroundLine(slope=0.5, intercept=-1.0)
 ELSEWHERE = {
     "evaluation.scoring.scores.check_same_size",  # a check itself, as those of numerics/checks.py
     "io.encodings.decode_compressed",  # of bytes
@@ -105,46 +115,9 @@ class PublicCall:
         raise AssertionError(f"{self} with {shown} raises {error!r}") from error
 
 
-class NearGround(NamedTuple):
-    """What the grid takes of the short range."""
-
-    occupancy: Array
-    disparity: Array
-    line: ground.GroundLine | None
-
-
-def rng() -> np.random.Generator:
-    return np.random.default_rng(0)
-
-
-def grey(height: int, width: int) -> Array:
-    return rng().integers(0, 256, (height, width), np.uint8)
-
-
-def bgr(height: int, width: int) -> Array:
-    return rng().integers(0, 256, (height, width, 3), np.uint8)
-
-
 def other(image: Array) -> Array:
     """Return the right image of a left one."""
     return np.roll(image, -1, axis=1)
-
-
-def labels(height: int, width: int) -> Array:
-    """Return 0 .. n - 1, two columns each, in a (height, width) image."""
-    return np.repeat(np.arange(width, dtype=np.int32)[None] // 2, height, axis=0)
-
-
-def n_labels(width: int) -> int:
-    return (width + 1) // 2
-
-
-def clusters(width: int) -> Array:
-    return (np.arange(n_labels(width)) % 2).astype(np.int32)
-
-
-def occupancy(height: int, width: int) -> Array:
-    return rng().choice(np.array([0, 100, 255], np.uint8), (height, width))
 
 
 def mask(height: int, width: int) -> Array:
@@ -153,12 +126,6 @@ def mask(height: int, width: int) -> Array:
 
 def truth(height: int, width: int) -> Array:
     return rng().choice(np.array([0, 128, 255], np.uint8), (height, width))
-
-
-def disparity(height: int, width: int) -> Array:
-    """Return the disparity of the ground line's plane, with some noise."""
-    noise = rng().uniform(-0.3, 0.3, (height, width))
-    return np.maximum(0.5 * np.arange(height)[:, None] - 1 + noise, 0).astype(np.float32)
 
 
 def distances(n: int) -> Array:

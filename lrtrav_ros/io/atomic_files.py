@@ -53,7 +53,7 @@ def check_writable(path: Path) -> None:
 def _temporary_file(path: Path) -> Iterator[Path]:
     """Yield what to name a file until it is finished; it is gone afterwards."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_name(f"{_hidden_name(path)}.{os.getpid()}.tmp")
+    temporary = path.with_name(f"{hidden_name(path)}.{os.getpid()}.tmp")
     try:
         with named_errors(path):
             yield temporary
@@ -97,7 +97,7 @@ def scratch_folder(path: Path) -> Iterator[Path]:
     BlockingIOError
         If another run writes to the same path.
     """
-    folder = path.with_name(f"{_hidden_name(path)}.tmp")
+    folder = path.with_name(f"{hidden_name(path)}.tmp")
     work = folder / "work"
     with ExitStack() as opened:
         with named_errors(path):
@@ -131,6 +131,6 @@ def _is_hidden(path: Path) -> bool:
     return any(map(is_leftover, (path, *path.parents)))
 
 
-def _hidden_name(path: Path) -> str:
+def hidden_name(path: Path) -> str:
     """Return what begins the temporary name of a file: of one length, for names may be as long as a disk takes."""
     return f".{hashlib.sha256(os.fsencode(path.name)).hexdigest()[:16]}"

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import hashlib
 import os
 import shutil
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 
-from lrtrav_ros.io.atomic_files import is_leftover, remove_leftovers
+from lrtrav_ros.io.atomic_files import hidden_name, is_leftover, remove_leftovers
 from lrtrav_ros.io.folder_lock import LOCK_FILE, locked_folder
 from lrtrav_ros.io.run_journal import JOURNAL_FILE, RunJournal, changes_since
 
@@ -169,5 +168,5 @@ def _beside(path: Path, kind: str) -> Path:
     """Return a hidden name beside a path, that is not too long."""
     name = f".{path.name}.{kind}"
     if len(os.fsencode(name)) > _LONGEST_NAME:
-        name = f".{hashlib.sha256(os.fsencode(path.name)).hexdigest()[:16]}.{kind}"
+        name = f"{hidden_name(path)}.{kind}"
     return path.with_name(name)

@@ -9,13 +9,24 @@ import dataclasses
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
+from sample_arrays import (
+    CAMERA,
+    LINE,
+    Array,
+    NearGround,
+    bgr,
+    clusters,
+    disparity,
+    grey,
+    labels,
+    occupancy,
+    rng,
+)
 
-from lrtrav_ros.camera import StereoCamera
 from lrtrav_ros.config import ElasConfig, ExtensionConfig, StereoConfig
 from lrtrav_ros.frame import to_grey
 from lrtrav_ros.mapping import grid, ground_disparity, points, segmentation, slopes
@@ -36,21 +47,9 @@ from lrtrav_ros.method.matching.row_offset import row_offset
 from lrtrav_ros.pose import Pose
 from lrtrav_ros.registration import DepthRegistration
 
-Array = NDArray[Any]
-
-CAMERA = StereoCamera(fx=20.0, cx=9.5, cy=2.0, baseline_m=0.3)
-LINE = ground.GroundLine(slope=0.5, intercept=-1.0)
 N_DISPARITIES = 8
 DTYPES = [np.dtype(name) for name in ("?", *"bBhHiIlefdFO", ">i4", ">f4", ">f8", "M8[s]", "U1")]
 SHAPES = [(1, 1), (1, 9), (9, 1), (2, 2), (12, 20)]
-
-
-class NearGround(NamedTuple):
-    """What the grid takes of the short range."""
-
-    occupancy: Array
-    disparity: Array
-    line: ground.GroundLine
 
 
 @dataclass(frozen=True)
@@ -62,37 +61,6 @@ class Case:
     other_types: str = ""  # that the arrays may have too, as characters
     other_dims: tuple[int, ...] = ()
     may_be_empty: bool = False
-
-
-def rng() -> np.random.Generator:
-    return np.random.default_rng(0)
-
-
-def grey(height: int, width: int) -> Array:
-    return rng().integers(0, 256, (height, width), np.uint8)
-
-
-def bgr(height: int, width: int) -> Array:
-    return rng().integers(0, 256, (height, width, 3), np.uint8)
-
-
-def labels(height: int, width: int) -> Array:
-    """Return 0 .. n - 1, two columns each, in a (height, width) image."""
-    return np.repeat(np.arange(width, dtype=np.int32)[None] // 2, height, axis=0)
-
-
-def clusters(width: int) -> Array:
-    return (np.arange((width + 1) // 2) % 2).astype(np.int32)
-
-
-def occupancy(height: int, width: int) -> Array:
-    return rng().choice(np.array([0, 100, 255], np.uint8), (height, width))
-
-
-def disparity(height: int, width: int) -> Array:
-    """Return the disparity of the ground line's plane, with some noise."""
-    noise = rng().uniform(-0.3, 0.3, (height, width))
-    return np.maximum(0.5 * np.arange(height)[:, None] - 1 + noise, 0).astype(np.float32)
 
 
 def distances(height: int, width: int) -> Array:

@@ -18,6 +18,7 @@ import traceback
 import zlib
 from collections import Counter
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 
 if __name__ == "__main__":
@@ -112,13 +113,13 @@ def distorted_info(*, right=False):
     return info
 
 
-def stereo(seed, stamp):
+def stereo(seed, stamp, message=image, transport=""):
     left, right = stereo_pair(seed)
     return {
         "left/camera_info": camera_info(),
         "right/camera_info": camera_info(right=True),
-        "right/image_rect": image(right, stamp),
-        "left/image_rect": image(left, stamp),
+        f"right/image_rect{transport}": message(right, stamp),
+        f"left/image_rect{transport}": message(left, stamp),
     }
 
 
@@ -129,16 +130,6 @@ def raw(seed, stamp):
         "right/camera_info": distorted_info(right=True),
         "right/image_raw": image(right, stamp),
         "left/image_raw": image(left, stamp),
-    }
-
-
-def compressed_stereo(seed, stamp):
-    left, right = stereo_pair(seed)
-    return {
-        "left/camera_info": camera_info(),
-        "right/camera_info": camera_info(right=True),
-        "right/image_rect/compressed": compressed(right, stamp),
-        "left/image_rect/compressed": compressed(left, stamp),
     }
 
 
@@ -183,7 +174,7 @@ class Scene:
 SCENES = {
     "stereo": Scene(stereo),
     "raw": Scene(raw, {"source.rectify": True}),
-    "compressed": Scene(compressed_stereo, {"source.compressed": True}),
+    "compressed": Scene(partial(stereo, message=compressed, transport="/compressed"), {"source.compressed": True}),
     "disparity": Scene(disparity, {"source": "disparity"}),
     "depth": Scene(depth, {"source": "depth"}),
     "unregistered": Scene(
