@@ -9,7 +9,7 @@ import threading
 from collections.abc import Collection, Iterator, Sequence
 
 import rclpy
-from rclpy.exceptions import NameValidationException, ParameterException
+from rclpy.exceptions import NameValidationException, NotInitializedException, ParameterException
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos_overriding_options import InvalidQosOverridesError
@@ -58,7 +58,7 @@ def run_nodes(names: Collection[str], *, ros_args: Sequence[str]) -> int:
         pass
     except (ValueError, ParameterException, InvalidQosOverridesError, NameValidationException) as err:
         return _wrong_usage(err)
-    except RuntimeError:
+    except (RuntimeError, NotInitializedException):
         if rclpy.ok():  # else a signal ended ROS while a node was being made
             raise
     finally:

@@ -22,6 +22,18 @@ AT_IMPORT = """
 import os, sys
 sys.addaudithook(lambda event, args: event == "import" and args[0] == {module!r} and os.kill(os.getpid(), {number:d}))
 """
+# And one at the first call of a function, of which no more is run before ROS has shut down.
+AT_CALL = """
+import os, signal, sys, time
+def signal_once(frame, event, _):
+    code = frame.f_code
+    if event == "call" and code.co_name == {function!r} and code.co_filename.endswith({file!r}):
+        sys.setprofile(None)
+        os.kill(os.getpid(), signal.SIGINT)
+        while sys.modules["rclpy"].ok():
+            time.sleep(0.01)
+sys.setprofile(signal_once)
+"""
 HELD_BACK = """
 import os, signal
 signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
@@ -111,6 +123,19 @@ def test_a_signal_while_nodes_are_made_ends_it_well(start):
     assert "long_range]: ready" in errors  # and the short range is not
     process.send_signal(signal.SIGINT)
     check_ends_well(process)
+
+
+@pytest.mark.parametrize(
+    ("file", "function"),
+    [
+        ("nodes/long_range_node.py", "__init__"),  # no node is there
+        ("nodes/short_range_node.py", "__init__"),  # one is
+        ("rclpy/node.py", "create_publisher"),  # within one
+        ("nodes/process_memory.py", "settle"),  # all are
+    ],
+)
+def test_a_signal_at_any_step_of_making_nodes_ends_it_well(start, file, function):
+    check_ends_well(start("detector", *FAST, code=f"{AT_CALL.format(file=file, function=function)}{COMMAND}"))
 
 
 def check_ends_well(process):
