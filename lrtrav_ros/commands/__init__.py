@@ -7,7 +7,7 @@ import io
 import signal
 import sys
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
@@ -106,7 +106,7 @@ def run(name: str, arguments: Sequence[str], *, prog: str = "") -> int:
     own, ros_args = _split_ros_args(arguments) if COMMANDS[name].takes_ros_args else (arguments, [])
     args = parser.parse_args(own, argparse.Namespace(ros_args=ros_args))
     try:
-        with nullcontext() if COMMANDS[name].takes_ros_args else _terminable():  # nodes end by themselves
+        with _terminable():
             return int(command.run(args))
     except KeyboardInterrupt:
         return 130
@@ -117,12 +117,20 @@ def run(name: str, arguments: Sequence[str], *, prog: str = "") -> int:
 
 @contextmanager
 def _terminable() -> Iterator[None]:
-    """Let SIGTERM end the block as Ctrl-C does, so that nothing temporary stays, decompressed bags above all."""
-    before = signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))
+    """Let SIGTERM end the block as Ctrl-C does, so that nothing temporary stays, decompressed bags above all.
+
+    What sets a handler of its own, as nodes do, keeps it to the end of the process.
+    """
+
+    def end(*_: object) -> None:
+        sys.exit(128 + signal.SIGTERM)
+
+    before = signal.signal(signal.SIGTERM, end)
     try:
         yield
     finally:
-        signal.signal(signal.SIGTERM, before)
+        if signal.getsignal(signal.SIGTERM) is end:
+            signal.signal(signal.SIGTERM, before)
 
 
 def _split_ros_args(arguments: Sequence[str]) -> tuple[list[str], list[str]]:

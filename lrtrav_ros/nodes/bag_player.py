@@ -16,7 +16,7 @@ from typing import Any
 import rclpy
 from builtin_interfaces.msg import Time
 from rclpy.duration import Duration
-from rclpy.exceptions import NameValidationException
+from rclpy.exceptions import NameValidationException, NotInitializedException
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSDurabilityPolicy, QoSProfile
@@ -109,15 +109,15 @@ def replay(path: str | os.PathLike[str], options: ReplayOptions, *, ros_args: Se
             raise RosArgumentsError(f"wrong ROS arguments: {err}") from err
         try:
             _BagPlayer(reader, names, options).run()
-        except KeyboardInterrupt:
+        except (KeyboardInterrupt, SystemExit):  # a signal; ROS shuts down at it too
             pass
-        except RuntimeError:
-            if rclpy.ok():  # else a signal ended ROS between two steps
+        except (RuntimeError, NotInitializedException):
+            if rclpy.ok():  # else the signal ended ROS between two steps
                 raise
         finally:
-            handler = signal.signal(signal.SIGINT, signal.SIG_IGN)  # a second one would interrupt the shutdown
+            for number in (signal.SIGINT, signal.SIGTERM):
+                signal.signal(number, signal.SIG_IGN)  # a second one would interrupt the end
             rclpy.try_shutdown()
-            signal.signal(signal.SIGINT, handler)
         for problem in reader.problems:
             print(problem, file=sys.stderr)
         return not reader.problems

@@ -1,5 +1,6 @@
 """What the node tests share: a scene as messages, and a graph of nodes that is spun until something holds."""
 
+import signal
 import subprocess
 import time
 from collections import defaultdict
@@ -203,3 +204,21 @@ def process_starter():
             if process.poll() is None:
                 process.kill()
             process.communicate()
+
+
+def signal_at(file, function, number=signal.SIGINT):
+    """Return code after which the process signals itself, once, when it first calls a function.
+
+    The function is run only when ROS has shut down, where it is up.
+    """
+    return f"""
+import os, sys, time
+def signal_once(frame, event, _):
+    code = frame.f_code
+    if event == "call" and code.co_name == {function!r} and code.co_filename.endswith({file!r}):
+        sys.setprofile(None)
+        os.kill(os.getpid(), {number:d})
+        while sys.modules["rclpy"].ok():
+            time.sleep(0.01)
+sys.setprofile(signal_once)
+"""

@@ -12,7 +12,7 @@ pytest.importorskip("rclpy")
 import itertools
 
 from recorded import write_compressed_bag
-from ros_graph import CAMERA, N_DISPARITIES, Graph, process_starter, stereo_pair
+from ros_graph import CAMERA, N_DISPARITIES, Graph, process_starter, signal_at, stereo_pair
 from rosbags import rosbag1
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import CameraInfo, Image
@@ -78,8 +78,8 @@ def bags(tmp_path_factory):
 def start(graph):
     """Start a replay; end it where the test did not."""
     with process_starter() as start_command:
-        yield lambda *arguments, namespace="/replay": start_command(
-            sys.executable, "-c", COMMAND, *map(str, arguments), "--ros-args", "-r", f"__ns:={namespace}"
+        yield lambda *arguments, namespace="/replay", code=COMMAND: start_command(
+            sys.executable, "-c", code, *map(str, arguments), "--ros-args", "-r", f"__ns:={namespace}"
         )
 
 
@@ -124,6 +124,28 @@ def test_compressed_images_of_a_compressed_bag_give_the_same_masks(ros, start, t
         assert (found.short_range.mask == 255).any()
     finally:
         graph.close()
+
+
+@pytest.mark.parametrize(
+    ("number", "file", "function", "status"),
+    [
+        (signal.SIGTERM, "io/zstd_files.py", "decompress_file", 143),
+        (signal.SIGINT, "rclpy/__init__.py", "init", 130),
+        (signal.SIGTERM, "rclpy/node.py", "__init__", 0),
+        (signal.SIGINT, "rclpy/node.py", "__init__", 0),
+        (signal.SIGTERM, "rclpy/node.py", "create_publisher", 0),
+        (signal.SIGTERM, "nodes/bag_player.py", "run", 0),
+    ],
+)
+def test_a_signal_leaves_nothing_temporary(start, bags, tmp_path, monkeypatch, number, file, function, status):
+    (plain,) = bags["sqlite3"].glob("*.db3")
+    bag = tmp_path / "a.db3.zstd"
+    bag.write_bytes(zstd_files.zstd.compress(plain.read_bytes()))
+    (temporary := tmp_path / "temporary").mkdir()
+    monkeypatch.setenv("TMPDIR", str(temporary))
+    _, errors = (process := start(bag, code=f"{signal_at(file, function, number)}{COMMAND}")).communicate(timeout=60)
+    assert (process.returncode, errors) == (status, "")
+    assert not list(temporary.iterdir())
 
 
 def test_a_loop_jumps_back_in_time_and_goes_on_until_a_signal(graph, left_images, bags, start):

@@ -11,7 +11,7 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from ros_graph import ROOT, Graph, process_starter
+from ros_graph import ROOT, Graph, process_starter, signal_at
 
 from lrtrav_ros.nodes import shared_memory
 
@@ -21,18 +21,6 @@ FAST = ["-p", "stereo.matcher:=bm"]
 AT_IMPORT = """
 import os, sys
 sys.addaudithook(lambda event, args: event == "import" and args[0] == {module!r} and os.kill(os.getpid(), {number:d}))
-"""
-# And one at the first call of a function, of which no more is run before ROS has shut down.
-AT_CALL = """
-import os, signal, sys, time
-def signal_once(frame, event, _):
-    code = frame.f_code
-    if event == "call" and code.co_name == {function!r} and code.co_filename.endswith({file!r}):
-        sys.setprofile(None)
-        os.kill(os.getpid(), signal.SIGINT)
-        while sys.modules["rclpy"].ok():
-            time.sleep(0.01)
-sys.setprofile(signal_once)
 """
 HELD_BACK = """
 import os, signal
@@ -135,7 +123,7 @@ def test_a_signal_while_nodes_are_made_ends_it_well(start):
     ],
 )
 def test_a_signal_at_any_step_of_making_nodes_ends_it_well(start, file, function):
-    check_ends_well(start("detector", *FAST, code=f"{AT_CALL.format(file=file, function=function)}{COMMAND}"))
+    check_ends_well(start("detector", *FAST, code=f"{signal_at(file, function)}{COMMAND}"))
 
 
 def check_ends_well(process):
