@@ -213,6 +213,7 @@ def signal_at(file, function, number=signal.SIGINT):
     """
     return f"""
 import os, sys, time
+import cv2  # old ones cannot be imported while functions are watched
 def signal_once(frame, event, _):
     code = frame.f_code
     if event == "call" and code.co_name == {function!r} and code.co_filename.endswith({file!r}):
