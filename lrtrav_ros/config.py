@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import os
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cache
@@ -757,7 +756,8 @@ class Config(CheckedConfig):
     threads: int = setting(
         0,
         "threads that a detector may use, those of OpenCV included (sgbm and the node long_range have one each); 0 for "
-        "all processors; lower it to leave processors to others: the result does not depend on it",
+        "all processors, and never more than there are; lower it to leave processors to others: the result does not "
+        "depend on it",
         minimum=0,
         maximum=256,
     )
@@ -833,8 +833,14 @@ class Config(CheckedConfig):
 
     @property
     def n_threads(self) -> int:
-        """The number of threads to use, at least 1."""
-        return self.threads or os.cpu_count() or 1
+        """The number of threads to use, at least 1 and at most one for each processor: more get in each other's way.
+
+        Processors are those that this process may use, of which a container may leave it a few.
+        """
+        from joblib import cpu_count
+
+        n_processors = int(cpu_count())
+        return min(self.threads or n_processors, n_processors)
 
 
 # The letter of the paper, where it differs from the defaults above.

@@ -21,6 +21,7 @@ os.environ["ROS_LOG_DIR"] = _LOGS.name
 os.environ.setdefault("HYPOTHESIS_STORAGE_DIRECTORY", str(Path(__file__).parents[1] / ".cache/hypothesis"))
 
 import cluster  # noqa: E402
+import joblib  # noqa: E402
 import pytest  # noqa: E402
 from hypothesis import HealthCheck, Phase, settings  # noqa: E402
 
@@ -32,6 +33,15 @@ _ANY = settings(
 settings.register_profile("ci", _ANY, derandomize=True, database=None, max_examples=10)
 settings.register_profile("fuzz", _ANY, max_examples=50)
 settings.load_profile("fuzz" if "FUZZ_MINUTES" in os.environ else "ci")
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _two_processors():
+    """Let detectors have two threads also where there is one processor: what threads share is tested everywhere."""
+    n_processors = max(joblib.cpu_count(), 2)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("joblib.cpu_count", lambda *_, **__: n_processors)
+        yield
 
 
 @pytest.fixture(scope="session")

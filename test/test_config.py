@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -62,6 +63,21 @@ def test_a_pose_of_the_depth_camera_is_checked() -> None:
     assert Config().updated({"source.depth_pose": text}).source.depth_pose == text
     with pytest.raises(ValueError, match=r"source\.depth_pose: pose is '1 2', .* give x y z qx qy qz qw or x y z roll"):
         Config().updated({"source.depth_pose": "1 2"})
+
+
+def test_there_are_never_more_threads_than_processors() -> None:
+    processor = min(os.sched_getaffinity(0))
+    code = (
+        f"import os; os.sched_setaffinity(0, {{{processor}}}); from lrtrav_ros.config import Config; "
+        "print([Config(threads=n).n_threads for n in (0, 1, 256)])"
+    )
+    result = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
+    assert result.stdout == "[1, 1, 1]\n"
+
+
+def test_as_many_threads_as_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("joblib.cpu_count", lambda: 8)
+    assert [Config(threads=n).n_threads for n in (0, 1, 3, 256)] == [8, 1, 3, 8]
 
 
 def test_unknown_preset() -> None:

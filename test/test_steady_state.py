@@ -165,8 +165,9 @@ def all_of(found: Detection) -> dict[str, np.ndarray | object]:
 )
 @pytest.mark.parametrize("grey", [False, True])
 def test_results_do_not_depend_on_the_number_of_threads(
-    source: str, preset: str, settings: dict[str, object], grey: bool
+    source: str, preset: str, settings: dict[str, object], grey: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr("joblib.cpu_count", lambda *_, **__: 5)
     config = Config.preset(preset).updated({**SETTINGS, **settings})
     detectors = [Detector(config.updated({"threads": n_threads})) for n_threads in (1, 2, 3, 5)]
     for frame in islice(drive(source, grey=grey), 5):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import os
 import platform
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -14,6 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+from joblib import cpu_count
 
 import lrtrav_ros
 from lrtrav_ros.benchmark.memory import Memory, measure_memory
@@ -205,7 +205,7 @@ def this_machine() -> Machine:
     names = [*_LIBRARIES, *sorted(installed())]
     return Machine(
         processor=_processor(),
-        n_processors=len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1,
+        n_processors=cpu_count(),
         system=platform.platform(),
         python=platform.python_version(),
         versions={

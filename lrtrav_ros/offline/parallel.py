@@ -15,7 +15,7 @@ from itertools import islice
 from typing import Any, Generic, TypeVar
 
 import cv2
-from joblib import Parallel, delayed, parallel_config
+from joblib import Parallel, cpu_count, delayed, parallel_config
 from threadpoolctl import threadpool_limits
 
 _Task = TypeVar("_Task")
@@ -67,7 +67,7 @@ def run_tasks(
         raise ValueError(f"jobs is {jobs}; give a number of processes, or 0 for as many as there are processors")
     if cluster is not None:
         return _on_cluster(function, tasks, cluster)
-    jobs = jobs or os.cpu_count() or 1
+    jobs = jobs or cpu_count()
     return _in_processes(function, tasks, jobs) if jobs > 1 else _here(function, tasks)
 
 

@@ -222,6 +222,7 @@ def test_benchmark_of_several_sizes_and_numbers_of_superpixels_draws_how_time_gr
 
 
 def test_benchmark_takes_frames_and_settings_that_are_given(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("joblib.cpu_count", lambda *_, **__: 5)
     monkeypatch.setattr("lrtrav_ros.benchmark.figures.measure_memory", lambda workload: Memory(1.0, 2.0))
     folder, file = write_dataset(tmp_path / "set", frames("disparity", n=2)), tmp_path / "figures.json"
     settings = ["--set", "threads=3", "--set", "stereo.n_disparities=40", "--set", "superpixels.n_superpixels=50"]
