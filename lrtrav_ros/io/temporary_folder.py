@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import shutil
 import tempfile
+import weakref
 from contextlib import ExitStack, suppress
 from pathlib import Path
 
@@ -19,7 +20,7 @@ class TemporaryFolder:
     Attributes
     ----------
     path : Path
-        The folder; it is gone when `close` is called.
+        The folder; it is gone when `close` is called, and at the latest when nobody refers to this object.
     """
 
     def __init__(self) -> None:
@@ -31,11 +32,11 @@ class TemporaryFolder:
             self.path = new.with_name(new.name[1:])
             new.rename(self.path)  # until it was locked, another process could have taken it for an abandoned one
             opened.callback(shutil.rmtree, self.path, ignore_errors=True)
-            self._opened = opened.pop_all()
+            self._remove = weakref.finalize(self, opened.pop_all().close)  # a signal may come before anybody closes it
 
     def close(self) -> None:
         """Remove the folder."""
-        self._opened.close()
+        self._remove()
 
 
 def remove_abandoned(folder: Path) -> None:

@@ -42,3 +42,15 @@ def test_folder_of_a_process_that_was_killed_is_removed_and_no_other(
     for folder in (first, second):
         folder.close()
     assert [path.name for path in tmp_path.iterdir()] == ["lrtrav_ros_decompressed_mine"]
+
+
+def test_folder_goes_with_the_object(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    closed, dropped = TemporaryFolder(), TemporaryFolder()
+    (closed.path / "bag.mcap").touch()
+    (dropped.path / "bag.mcap").touch()
+    for _ in range(2):
+        closed.close()
+    assert list(tmp_path.iterdir()) == [dropped.path]
+    del dropped
+    assert not list(tmp_path.iterdir())
