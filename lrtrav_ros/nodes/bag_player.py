@@ -5,7 +5,6 @@ from __future__ import annotations
 import importlib
 import math
 import os
-import signal
 import sys
 import time
 from collections.abc import Mapping, Sequence
@@ -16,7 +15,7 @@ from typing import Any
 import rclpy
 from builtin_interfaces.msg import Time
 from rclpy.duration import Duration
-from rclpy.exceptions import NameValidationException, NotInitializedException
+from rclpy.exceptions import NameValidationException
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSDurabilityPolicy, QoSProfile
@@ -25,6 +24,7 @@ from tqdm import tqdm
 
 from lrtrav_ros.io import topics
 from lrtrav_ros.io.bag_reader import BagReader
+from lrtrav_ros.nodes.ros_shutdown import ros_shut_down
 from lrtrav_ros.nodes.shared_memory import IMAGES_PROFILE, use_segment
 
 _IMAGES = frozenset((topics.LEFT_IMAGE, *topics.PARTNER.values(), topics.LEFT_RAW, topics.RIGHT_RAW))
@@ -107,17 +107,8 @@ def replay(path: str | os.PathLike[str], options: ReplayOptions, *, ros_args: Se
             rclpy.init(args=list(ros_args))
         except RuntimeError as err:
             raise RosArgumentsError(f"wrong ROS arguments: {err}") from err
-        try:
+        with ros_shut_down():
             _BagPlayer(reader, names, options).run()
-        except (KeyboardInterrupt, SystemExit):  # a signal; ROS shuts down at it too
-            pass
-        except (RuntimeError, NotInitializedException):
-            if rclpy.ok():  # else the signal ended ROS between two steps
-                raise
-        finally:
-            for number in (signal.SIGINT, signal.SIGTERM):
-                signal.signal(number, signal.SIG_IGN)  # a second one would interrupt the end
-            rclpy.try_shutdown()
         for problem in reader.problems:
             print(problem, file=sys.stderr)
         return not reader.problems

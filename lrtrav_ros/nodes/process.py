@@ -9,14 +9,15 @@ import threading
 from collections.abc import Collection, Iterator, Sequence
 
 import rclpy
-from rclpy.exceptions import NameValidationException, NotInitializedException, ParameterException
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.exceptions import NameValidationException, ParameterException
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos_overriding_options import InvalidQosOverridesError
 
 from lrtrav_ros.config import NODE_DEFAULTS, Config
 from lrtrav_ros.nodes.long_range_node import LongRangeNode
 from lrtrav_ros.nodes.process_memory import keep_freed_images, settle
+from lrtrav_ros.nodes.ros_shutdown import ros_shut_down
 from lrtrav_ros.nodes.shared_memory import DETECTOR_PROFILE, use_segment
 from lrtrav_ros.nodes.short_range_node import ShortRangeNode
 from lrtrav_ros.nodes.warm_up import compile_kernels
@@ -52,22 +53,14 @@ def run_nodes(names: Collection[str], *, ros_args: Sequence[str]) -> int:
         return _wrong_usage(err)
     is_up.set()
     nodes: list[Node] = []
-    try:
-        _spin(names, nodes)
-    except ExternalShutdownException:
-        pass
-    except (ValueError, ParameterException, InvalidQosOverridesError, NameValidationException) as err:
-        return _wrong_usage(err)
-    except (RuntimeError, NotInitializedException):
-        if rclpy.ok():  # else a signal ended ROS while a node was being made
-            raise
-    finally:
-        for node in nodes:
-            node.destroy_node()
-        rclpy.try_shutdown()
-        # Python gives signals back their own way as it ends: a second one, which `ros2 launch` sends, would kill it.
-        for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, signal.SIG_IGN)
+    with ros_shut_down():
+        try:
+            _spin(names, nodes)
+        except (ValueError, ParameterException, InvalidQosOverridesError, NameValidationException) as err:
+            return _wrong_usage(err)
+        finally:
+            for node in nodes:
+                node.destroy_node()
     return 0
 
 
