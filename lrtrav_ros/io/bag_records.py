@@ -25,6 +25,7 @@ MAX_TIME_NS = 2**31 * 10**9
 """End of the times that ROS 2 can tell."""
 
 _MAX_QOS_CHARACTERS = 1 << 16
+_SMALL_BYTES = 1 << 16  # which may be reserved before it is known whether they are there
 
 
 class RawMessage(NamedTuple):
@@ -120,7 +121,9 @@ def _decompressor(compression: str) -> Any:
 
 def whole(file: BinaryIO, size: int) -> bytes:
     """Read `size` bytes; raise EOFError where there are fewer."""
-    data = file.read(max(0, min(size, file_size(file) - file.tell())))
+    # Headers are small and come by the thousand: to look for the end of the file would read its buffer anew for each.
+    n_there = size if size <= _SMALL_BYTES else file_size(file) - file.tell()
+    data = file.read(max(0, min(size, n_there)))
     if len(data) < size:
         raise EOFError(f"{size - len(data)} bytes are missing")
     return data
