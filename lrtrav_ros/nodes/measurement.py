@@ -12,7 +12,6 @@ import threading
 import time
 from collections import deque
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -21,11 +20,12 @@ import numpy as np
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.context import Context
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile, QoSReliabilityPolicy
 from rclpy.serialization import serialize_message
+from rclpy.task import Future
 from sensor_msgs.msg import CameraInfo, Image
 from std_msgs.msg import Header
 from stereo_msgs.msg import DisparityImage
@@ -283,17 +283,20 @@ class _Camera:
         self._node.create_subscription(DiagnosticArray, "/diagnostics", self._take_diagnostics, QoSProfile(depth=5))
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self._node)
-        self._thread = threading.Thread(target=self._spin, daemon=True)
+        self._ended = Future()
+        spin = self._executor.spin_until_future_complete
+        self._thread = threading.Thread(target=spin, args=(self._ended,), name="camera", daemon=True)
 
     def __enter__(self) -> _Camera:
         self._thread.start()
         return self
 
     def __exit__(self, *exception: object) -> None:
-        self._context.try_shutdown()
-        self._thread.join()
+        self._ended.set_result(None)
+        self._thread.join()  # rclpy raises whatever it is about to do where ROS is shut down while it spins
         self._executor.shutdown()
         self._node.destroy_node()
+        self._context.try_shutdown()
 
     def wait_for_detector(self, detector: _Detector) -> None:
         """Wait until both sides know each other."""
@@ -332,10 +335,6 @@ class _Camera:
         for status in message.status:
             if status.name == self._status:
                 self.frame_ms = float(next(each.value for each in status.values if each.key == "median frame [ms]"))
-
-    def _spin(self) -> None:
-        with suppress(ExternalShutdownException):
-            self._executor.spin()
 
 
 def _with_stamp(data: bytes, stamp_ns: int) -> bytes:

@@ -1,11 +1,13 @@
 """The measurement of the running detector: its figures, what it refuses, and a detector that does not start."""
 
 import math
+import threading
 
 import pytest
 
 pytest.importorskip("rclpy")
 
+from rclpy.context import Context
 from ros_graph import CAMERA, N_DISPARITIES, ground_disparity, stereo_pair
 
 from lrtrav_ros.frame import Frame
@@ -37,6 +39,20 @@ def test_figures_of_a_second_at_a_low_rate(frame, node):
 def test_the_detector_s_own_words_tell_why_it_does_not_start():
     with pytest.raises(RuntimeError, match=r"stereo\.matcher is 'magic'; give one of elas, sgbm, bm"):
         measure_nodes([STEREO], {"stereo.matcher": "magic"}, rate_hz=4.0, seconds=1.0)
+
+
+def test_ros_is_shut_down_when_nothing_is_spun_any_more(monkeypatch):
+    spun = []
+    shut_down = Context.try_shutdown
+
+    def noting(context):
+        spun.append("camera" in {thread.name for thread in threading.enumerate()})
+        shut_down(context)
+
+    monkeypatch.setattr(Context, "try_shutdown", noting)
+    with pytest.raises(RuntimeError, match="magic"):
+        measure_nodes([STEREO], {"stereo.matcher": "magic"}, rate_hz=4.0, seconds=1.0)
+    assert spun == [False]
 
 
 @pytest.mark.parametrize(
