@@ -18,7 +18,7 @@ MINUTES ?= 10
 FUZZ := $(BIN)/pytest -n 2 test/fuzz
 PACKAGE := setup.py package.xml $(wildcard config/* launch/*)
 
-.PHONY: demo test test-bounds test-oldest test-newest fuzz siege soak coverage lint tables clean
+.PHONY: demo test test-bounds test-oldest fuzz siege soak coverage lint tables clean
 
 demo: $(VENV)/installed
 	$(BIN)/lrtrav demo --output demo --overwrite
@@ -26,8 +26,9 @@ demo: $(VENV)/installed
 test: $(VENV)/installed-for-tests
 	$(PYTEST)
 
-test-bounds: $(VENV)/installed-for-tests
-	$(BOUNDS) $(PYTEST)
+# One run for two questions: array bounds, and the newest Python where that is installed.
+test-bounds:
+	$(BOUNDS) $(MAKE) test VENV=.venv-newest PYTHON=$(or $(call installed,3.13),$(PYTHON))
 
 # What test/fuzz does shortly, for long: other examples in every run. Those that fail are kept in .cache, and tried first.
 fuzz: $(VENV)/installed-for-tests
@@ -48,11 +49,6 @@ soak: $(VENV)/installed-for-tests
 test-oldest:
 	NUMBA_CACHE_DIR="$(CURDIR)/.cache/numba-oldest" $(MAKE) test VENV=.venv-oldest \
 		PYTHON=$(or $(call installed,3.10),$(PYTHON)) CONSTRAINTS="--constraint test/oldest-dependencies.txt"
-
-# The newest dependencies on the newest Python, where that is installed.
-test-newest:
-	$(if $(call installed,3.13),$(MAKE) test VENV=.venv-newest PYTHON=$(call installed,3.13),\
-		@echo "Python 3.13 is not installed: not tested on it")
 
 # Branches of the package that the tests take, and the lines that they do not, in .cache/coverage.txt.
 coverage: $(VENV)/installed-for-tests

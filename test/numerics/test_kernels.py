@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import importlib
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -19,6 +20,7 @@ def module_name(path: Path) -> str:
     return ".".join(("lrtrav_ros", *path.relative_to(PACKAGE).with_suffix("").parts))
 
 
+@cache
 def imports(path: Path) -> set[str]:
     """Return the names of all modules, and of all that is taken from them, that a file imports."""
     names: set[str] = set()
