@@ -5,6 +5,7 @@ Hypothesis has the profile ``ci`` here, the same few examples in every run; ``ma
 
 import importlib
 import os
+import signal
 import tempfile
 import warnings
 from pathlib import Path
@@ -18,6 +19,8 @@ os.environ["ROS_PYTHON_CHECK_FIELDS"] = "1"
 shared_memory.use_segment(shared_memory.IMAGES_PROFILE)
 _LOGS = tempfile.TemporaryDirectory(prefix="lrtrav_ros_log_")
 os.environ["ROS_LOG_DIR"] = _LOGS.name
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # in the background of a shell, and so in all that tests start
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 os.environ.setdefault("HYPOTHESIS_STORAGE_DIRECTORY", str(Path(__file__).parents[1] / ".cache/hypothesis"))
 
 import cluster  # noqa: E402

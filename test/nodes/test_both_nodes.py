@@ -330,7 +330,7 @@ def test_an_unexpected_error_does_not_end_the_worker(graph, monkeypatch):
         patch.setattr(ShortRangeDetector, "detect", lambda self, frame: 1 // 0)
         publish(graph, left, right, next(STAMPS))
         status = graph.status("short_range", lambda status: "frames failed in" in status.message)
-    assert status.message.endswith(" s ago: integer division or modulo by zero")
+    assert " s ago: integer division or modulo by zero" in status.message
     stamp = next(STAMPS)
     publish(graph, left, right, stamp)
     assert graph.at("short_range/mask", stamp).width == WIDTH
