@@ -41,9 +41,14 @@ class Counts:
         """All that came to nothing."""
         return self.dropped + self.refused + self.failed + self.unpaired
 
+    def __add__(self, other: Counts) -> Counts:
+        return Counts(**{field.name: getattr(self, field.name) + getattr(other, field.name) for field in fields(self)})
+
     def since(self, before: Counts) -> Counts:
-        """Return what they grew by."""
-        return Counts(**{field.name: getattr(self, field.name) - getattr(before, field.name) for field in fields(self)})
+        """Return what they grew by; all of them where one is smaller than before, for then they began anew."""
+        grown = {field.name: getattr(self, field.name) - getattr(before, field.name) for field in fields(self)}
+        began_anew = any(n < 0 for name, n in grown.items() if name != "waiting")
+        return self if began_anew else Counts(**grown)
 
 
 @dataclass(frozen=True, slots=True)

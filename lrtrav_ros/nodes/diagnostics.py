@@ -16,7 +16,7 @@ from rclpy.node import Node
 
 from lrtrav_ros.nodes.counts import Counts, Received
 from lrtrav_ros.nodes.health import Health, Window, frames_health, silent_health, topic_health
-from lrtrav_ros.nodes.input_topic import InputTopic
+from lrtrav_ros.nodes.input_topic import InputTopic, shortened
 from lrtrav_ros.nodes.missing_topics import explain_publishers
 from lrtrav_ros.nodes.worker import Worker, WorkerCounts
 
@@ -171,7 +171,7 @@ def report_failure(node: Node, err: Exception, topics: Iterable[InputTopic]) -> 
     if not node.context.ok():
         return  # the node is ending: publishing fails then
     part = getattr(err, "part", None)
-    text = ": ".join(["frame failed", *(topic.topic for topic in topics if topic.part == part), str(err)])
+    text = ": ".join(["frame failed", *(topic.topic for topic in topics if topic.part == part), shortened(str(err))])
     if isinstance(err, ValueError):
         node.get_logger().warning(text, throttle_duration_sec=5.0)
     else:

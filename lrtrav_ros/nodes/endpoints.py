@@ -75,7 +75,7 @@ def _refusing_overrides(node: Node, topic: str) -> Iterator[None]:
     """Raise ValueError for an override that rclpy cannot use, for which it raises what it does for anything."""
     try:
         yield
-    except RuntimeError as err:
+    except (RuntimeError, TypeError) as err:  # the second for a depth that C cannot hold
         if not node.context.ok():
             raise
         raise ValueError(f"a parameter qos_overrides.{node.resolve_topic_name(topic)}… does not fit: {err}") from err

@@ -7,6 +7,7 @@ from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
+from itertools import pairwise
 
 from lrtrav_ros.nodes.counts import Counts
 from lrtrav_ros.nodes.input_topic import Failure
@@ -64,9 +65,9 @@ class Window:
             self._history.popleft()
 
     def recent(self, name: str) -> Counts:
-        """Return what the counts of a name grew by; all of them where they began anew meanwhile."""
-        before, now = self._history[0][1].get(name, Counts()), self._history[-1][1][name]
-        return now.since(before) if before.received <= now.received else now
+        """Return what the counts of a name grew by; they may have begun anew meanwhile."""
+        moments = [counts.get(name, Counts()) for _, counts in self._history]
+        return sum((now.since(before) for before, now in pairwise(moments)), start=Counts())
 
     def rate_hz(self, name: str) -> float:
         """Return how many of a name were received per second."""

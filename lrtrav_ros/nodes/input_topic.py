@@ -13,6 +13,13 @@ from lrtrav_ros.io.serialized_message import SerializedMessage
 
 Report = Callable[[str], None]
 
+_MAX_REASON = 500  # characters: a reason quotes fields of the message, which may be megabytes
+
+
+def shortened(reason: str) -> str:
+    """Return the beginning of a long reason, which goes to the log and once a second to ``/diagnostics``."""
+    return reason if len(reason) <= _MAX_REASON else f"{reason[:_MAX_REASON]}… ({len(reason)} characters)"
+
 
 class Failure(NamedTuple):
     """Why something failed, and when on the clock of `time.monotonic` [s]."""
@@ -30,7 +37,7 @@ class Failures:
 
     def plus(self, reason: str) -> Failures:
         """Return these and one that happens now."""
-        return Failures(self.n + 1, Failure(time.monotonic(), reason))
+        return Failures(self.n + 1, Failure(time.monotonic(), shortened(reason)))
 
 
 class InputTopic:
@@ -101,4 +108,4 @@ class InputTopic:
         """Count and report a message that was counted as received."""
         with self._lock:  # the worker refuses as well as the thread that spins
             self.refusals = self.refusals.plus(str(err))
-        self._report(f"{self.topic}: {err}")
+        self._report(f"{self.topic}: {shortened(str(err))}")

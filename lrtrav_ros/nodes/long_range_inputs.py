@@ -280,6 +280,7 @@ class UnseenPixels:
     def __init__(self, node: Node, report: Report) -> None:
         self._calibration = Calibration(LEFT_INFO, report, partial(check_calibration, is_raw=True))
         self.topic = self._calibration.topic
+        self.topic.name = f"{LEFT_INFO} (raw)"  # beside that of the geometry, which counts for itself
         self.subscription = endpoints.subscribe_info(node, LEFT_INFO, self._calibration.take, self.topic.refuse_damaged)
         self.topic.topic = self.subscription.topic_name
 

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable
+from functools import partial
 from typing import Any
 
 from lifecycle_msgs.srv import ChangeState
-from rcl_interfaces.msg import ParameterDescriptor
+from rcl_interfaces.msg import ParameterDescriptor, ParameterType, SetParametersResult
+from rcl_interfaces.srv import SetParameters
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from std_srvs.srv import Empty
 
@@ -44,6 +46,7 @@ class ManagedNode(LifecycleNode):
         self._is_autostarted = bool(self.declare_parameter("autostart", True, descriptor).value)
         self._failure: Exception | None = None
         self._guard_transitions()
+        self._guard_parameters()
         self._before: dict[str, set[Any]] = {}  # what there was before each transition that is in force
 
     @property
@@ -129,6 +132,12 @@ class ManagedNode(LifecycleNode):
 
         service.callback = change_or_refuse
 
+    def _guard_parameters(self) -> None:
+        """Refuse values of types that ROS does not have, for which rclpy raises through the executor."""
+        for service in self.services:
+            if service.srv_name.endswith(("/set_parameters", "/set_parameters_atomically")):
+                service.callback = partial(_set_or_refuse, service.callback)
+
     def _configure(self) -> None:
         self.configure()
         self.create_service(Empty, "~/reset", self._reset)
@@ -164,3 +173,17 @@ class ManagedNode(LifecycleNode):
         ):
             for entity in set(own) & set(entities):
                 destroy(entity)
+
+
+def _set_or_refuse(set_parameters: Callable[[Any, Any], Any], request: Any, response: Any) -> Any:
+    """Answer a request of SetParameters or SetParametersAtomically."""
+    unknown = [each for each in request.parameters if each.value.type > ParameterType.PARAMETER_STRING_ARRAY]
+    if not unknown:
+        return set_parameters(request, response)
+    reason = f"{unknown[0].name} has a value of type {unknown[0].value.type}, which ROS does not have"
+    refused = SetParametersResult(successful=False, reason=reason)
+    if isinstance(response, SetParameters.Response):
+        response.results = [refused] * len(request.parameters)
+    else:
+        response.result = refused
+    return response

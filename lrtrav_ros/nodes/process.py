@@ -6,11 +6,12 @@ import os
 import signal
 import sys
 import threading
+import traceback
 from collections.abc import Collection, Iterator, Sequence
 
 import rclpy
 from rclpy.exceptions import NameValidationException, ParameterException
-from rclpy.executors import SingleThreadedExecutor
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos_overriding_options import InvalidQosOverridesError
 
@@ -71,7 +72,15 @@ def _spin(names: Collection[str], nodes: list[Node]) -> None:
         nodes.append(node)
         executor.add_node(node)
     settle()
-    executor.spin()
+    while rclpy.ok():
+        try:
+            executor.spin()
+        except ExternalShutdownException:
+            return
+        except Exception as err:  # of rclpy, which raises what it cannot take: a time before 1970 on /clock is one
+            if rclpy.ok():
+                text = str(err) if isinstance(err, ValueError) else "".join(traceback.format_exception(err))
+                nodes[0].get_logger().error(f"rclpy cannot take a message: {text}", throttle_duration_sec=5.0)
 
 
 def _create(names: Collection[str]) -> Iterator[Node]:

@@ -32,7 +32,8 @@ from lifecycle_msgs.msg import State, Transition
 from lifecycle_msgs.srv import ChangeState, GetState
 from nav_msgs.msg import OccupancyGrid
 from node_process import NodeProcess, running
-from rcl_interfaces.msg import ParameterType
+from rcl_interfaces.msg import Parameter as ParameterMessage
+from rcl_interfaces.msg import ParameterType, ParameterValue
 from rcl_interfaces.srv import GetParameters, SetParameters
 from rclpy.context import Context
 from rclpy.node import Node
@@ -196,7 +197,7 @@ def spoil_header(rng, message):
         message.header.stamp.sec = int(rng.choice(STAMPS_S))
         message.header.stamp.nanosec = int(rng.choice([0, 10**9, 2**32 - 1]))
     else:
-        message.header.frame_id = str(rng.choice(["", "x" * 100_000, "/../\n\0é" * 10]))
+        message.header.frame_id = str(rng.choice(["", "x" * 1_000_000, "/../\n\0é" * 10]))
 
 
 def spoil_image(rng, message):
@@ -205,7 +206,7 @@ def spoil_image(rng, message):
     name = rng.choice(fields)
     if name == "encoding":
         known = ("mono8", "mono16", "rgb8", "rgba16", "bayer_rggb8", "nv12", "yuv422", "32FC1", "16UC1", "8UC4")
-        message.encoding = str(rng.choice([*known, "", "64FC9", "bgr8;\0", "x" * 10_000]))
+        message.encoding = str(rng.choice([*known, "", "64FC9", "bgr8;\0", "x" * 1_000_000]))
     elif name in ("height", "width", "step"):
         setattr(message, name, int(rng.choice(SIZES)))
     elif name == "is_bigendian":
@@ -562,6 +563,8 @@ class Siege:
             name = str(rng.choice(["nothing", "stereo.", "é" * 1000, "source.rectify", "preset", "autostart"]))
             return Parameter(name, value="x").to_parameter_msg()
         name = str(rng.choice(list(known)))
+        if rng.random() < 0.05:
+            return ParameterMessage(name=name, value=ParameterValue(type=int(rng.integers(10, 256))))
         kind = known[name].type
         values = {
             ParameterType.PARAMETER_INTEGER: (-(2**63), 2**63 - 1, 1e300, NAN, "x" * 100_000, b"x", [1, 2], True),

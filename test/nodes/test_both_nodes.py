@@ -176,6 +176,20 @@ def test_bad_images_are_reported_and_the_next_good_frame_is_processed(graph, spo
     assert graph.status("short_range", lambda status: status.message == "running").level == DiagnosticStatus.OK
 
 
+def test_a_long_text_in_a_message_is_not_told_whole(graph):
+    left, right = stereo_pair()
+    stamp = next(STAMPS)
+    bad = image(left, stamp)
+    bad.encoding = "x" * 100_000
+    failed = value(graph.status("short_range"), "frames failed")
+    graph.publish("right/image_rect", image(right, stamp))
+    graph.publish("left/image_rect", bad, n_subscriptions=2)
+    status = graph.status("short_range", lambda status: value(status, "frames failed") == failed + 1)
+    assert re.search(r"'x{400,500}… \(100\d{3} characters\)$", status.message.splitlines()[0])
+    assert len(str(graph.status("short_range", name="left/image_rect"))) < 5000
+    graph.status("short_range", lambda status: status.message == "running")
+
+
 @pytest.mark.parametrize(
     ("side", "info", "reason"),
     [

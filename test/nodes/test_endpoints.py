@@ -41,6 +41,16 @@ def test_an_image_is_made_only_where_it_is_wanted(graph):
     assert made == [1]
 
 
+def test_a_depth_that_does_not_fit_is_named(graph):
+    name = "qos_overrides./outputs/deep.publisher.depth"
+    node = Node("deep", namespace="outputs", parameter_overrides=[Parameter(name, value=2**62)])
+    try:
+        with pytest.raises(ValueError, match=r"a parameter qos_overrides\./outputs/deep… does not fit"):
+            Output(node, "deep")
+    finally:
+        node.destroy_node()
+
+
 def test_an_output_that_is_kept_reaches_who_comes_late(graph):
     name = "qos_overrides./outputs/kept.publisher.durability"
     node = Node("keeper", namespace="outputs", parameter_overrides=[Parameter(name, value="transient_local")])

@@ -132,9 +132,15 @@ def test_a_topic_is_silent_once_nothing_came_for_ten_seconds(watch):
 
 
 def test_counts_that_begin_anew(watch):
-    watch.add(1.0, received=50, refused=1)
-    watch.add(2.0, received=3, refused=2)  # of a topic that was subscribed to again
-    assert watch.window.recent("x") == Counts(received=3, refused=2)
+    watch.add(1.0, received=5, processed=2, refused=3)
+    watch.add(2.0, received=8, processed=8)  # of a topic that was subscribed to again
+    assert watch.window.recent("x") == Counts(received=13, processed=10, refused=3)
+    watch.window.add({})  # nothing is subscribed to
+    watch.add(3.0, received=9, processed=7, refused=1, waiting=1)
+    watch.add(4.0, received=9, processed=8, refused=1)
+    assert watch.window.recent("x") == Counts(received=22, processed=18, refused=4)
+    watch.add(12.0, received=9, processed=8, refused=1)
+    assert watch.window.recent("x") == Counts(received=9, processed=8, refused=1)
     watch.window.forget()
     watch.add(3.0, received=60, processed=60)
     assert watch.window.recent("x") == Counts(received=60, processed=60)

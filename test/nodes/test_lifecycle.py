@@ -10,6 +10,9 @@ pytest.importorskip("rclpy")
 
 from lifecycle_msgs.msg import State, Transition
 from lifecycle_msgs.srv import ChangeState, GetState
+from rcl_interfaces.msg import Parameter as ParameterMessage
+from rcl_interfaces.msg import ParameterValue
+from rcl_interfaces.srv import SetParameters, SetParametersAtomically
 from rclpy.parameter import Parameter
 from ros_graph import N_DISPARITIES, WIDTH, Graph, NodePair, camera_info, image, stereo_pair, value
 from sensor_msgs.msg import Image
@@ -161,6 +164,20 @@ def test_reset_forgets_calibration_and_statistics(started):
     started.publish("left/camera_info", camera_info())
     started.publish("right/camera_info", camera_info(right=True))
     started.at("long_range/mask", waiting)
+
+
+@pytest.mark.parametrize("node", NODES)
+@pytest.mark.parametrize("kind", [10, 200])
+def test_a_parameter_of_a_type_that_ros_does_not_have_is_refused(started, node, kind):
+    good = Parameter("extension.rule", value="ratio").to_parameter_msg()
+    bad = ParameterMessage(name="extension.rule", value=ParameterValue(type=kind))
+    expected = f"extension.rule has a value of type {kind}, which ROS does not have"
+    request = SetParameters.Request(parameters=[good, bad])
+    results = started.call(SetParameters, f"{node}/set_parameters", request).results
+    assert [(result.successful, result.reason) for result in results] == [(False, expected)] * 2
+    request = SetParametersAtomically.Request(parameters=[good, bad])
+    result = started.call(SetParametersAtomically, f"{node}/set_parameters_atomically", request).result
+    assert (result.successful, result.reason) == (False, expected)
 
 
 def test_a_node_that_cannot_be_configured_stays_unconfigured_and_says_why(ros):

@@ -331,3 +331,18 @@ def test_a_node_that_waits_for_its_geometry_is_deactivated_at_once(mapped, monke
     for transition in (Transition.TRANSITION_DEACTIVATE, Transition.TRANSITION_ACTIVATE):
         request = ChangeState.Request(transition=Transition(id=transition))
         assert mapped.call(ChangeState, "long_range/change_state", request).success
+
+
+def test_each_topic_has_a_status_of_its_own(ros):
+    graph = Graph(LongRangeNode, namespace="raw", settings={**SETTINGS, "source.rectify": True})
+    try:
+        graph.listen(OccupancyGrid, "long_range/grid")
+        graph.publish("left/camera_info", camera_info(), n_subscriptions=2)  # of the geometry, and of unseen pixels
+        graph.status("long_range", lambda status: value(status, "processed") == 1, name="left/camera_info")
+        # Without a matrix K nothing can be rectified.
+        graph.status("long_range", lambda status: value(status, "refused") == 1, name="left/camera_info (raw)")
+        assert value(graph.status("long_range"), "messages refused") == 1
+        names = [status.name for status in graph.received["/diagnostics"][-1].status]
+        assert len(set(names)) == len(names)
+    finally:
+        graph.close()
