@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-_DEADLINE_S = 60.0
+_DEADLINE_S = 300.0
 
 
 @contextmanager

@@ -12,8 +12,10 @@ from pathlib import Path
 
 from lrtrav_ros.nodes import shared_memory  # imports nothing of ROS
 
-# A domain of its own keeps runs apart, of this user and of others on the same network.
-os.environ["ROS_DOMAIN_ID"] = str(1 + os.getpid() % 100)
+# A domain of its own, 1 to 50, keeps runs apart, of this user and of others on the same network, and each process of a
+# run from the others; `measure_nodes` takes those above.
+_WORKER = os.environ.get("PYTEST_XDIST_WORKER", "")
+os.environ["ROS_DOMAIN_ID"] = str(1 + ((os.getppid() + int(_WORKER[2:])) if _WORKER else os.getpid()) % 50)
 os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
 os.environ["ROS_PYTHON_CHECK_FIELDS"] = "1"
 shared_memory.use_segment(shared_memory.IMAGES_PROFILE)
@@ -27,6 +29,7 @@ import cluster  # noqa: E402
 import joblib  # noqa: E402
 import pytest  # noqa: E402
 from hypothesis import HealthCheck, Phase, settings  # noqa: E402
+from hypothesis.internal.conjecture import providers  # noqa: E402
 
 _ANY = settings(
     deadline=None,  # how fast a computer is tells nothing
@@ -36,6 +39,9 @@ _ANY = settings(
 settings.register_profile("ci", _ANY, derandomize=True, database=None, max_examples=10)
 settings.register_profile("fuzz", _ANY, max_examples=50)
 settings.load_profile("fuzz" if "FUZZ_MINUTES" in os.environ else "ci")
+if "FUZZ_MINUTES" not in os.environ and hasattr(providers, "_get_local_constants"):
+    # Newer versions of Hypothesis try the numbers in all modules that are loaded, which depends on the tests before.
+    providers._get_local_constants = lambda: providers._local_constants
 
 
 @pytest.fixture(scope="session", autouse=True)

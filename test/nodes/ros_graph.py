@@ -87,7 +87,7 @@ class Graph:
             node.destroy_node()
         self._executor.shutdown()
 
-    def spin_until(self, predicate, timeout_s=60.0):
+    def spin_until(self, predicate, timeout_s=300.0):
         """Spin until `predicate` holds; fail where it does not in time."""
         deadline = time.monotonic() + timeout_s
         while not predicate():
@@ -127,7 +127,7 @@ class Graph:
         """Destroy the publisher on a topic."""
         self.tester.destroy_publisher(self._publishers.pop(topic))
 
-    def call(self, kind, name, request, timeout_s=60.0):
+    def call(self, kind, name, request, timeout_s=300.0):
         """Call a service, and return its response."""
         if name not in self._clients:  # a new one may take seconds to find its service
             self._clients[name] = self.tester.create_client(kind, name)
@@ -146,17 +146,20 @@ class Graph:
         self.spin_until(matching)
         return matching()[0]
 
-    def status(self, node, predicate=lambda status: True, *, name="frames"):
+    def status(self, node, predicate=lambda status: True, *, name="frames", since_s=None):
         """Wait for a diagnostic status of `node` from now on for which `predicate` holds, and return it.
 
-        `name` is that of one of its topics, or of its frames.
+        `name` is that of one of its topics, or of its frames. What is soon told of no longer may have been said since a
+        time before, one of `time.time`.
         """
-        begin = time.time()
+        begin = time.time() if since_s is None else since_s
+        hardware = f"{self.tester.get_namespace().rstrip('/')}/{node}"
 
         def matching():
             arrays = [array for array in self.received["/diagnostics"] if _seconds(array) >= begin]
             statuses = [item for array in arrays for item in array.status]
-            return [item for item in statuses if item.name == f"{node}: {name}" and predicate(item)]
+            own = [item for item in statuses if (item.name, item.hardware_id) == (f"{node}: {name}", hardware)]
+            return [item for item in own if predicate(item)]
 
         self.spin_until(matching)
         return matching()[-1]

@@ -3,6 +3,7 @@
 import dataclasses
 import itertools
 import re
+import time
 
 import cv2
 import numpy as np
@@ -314,9 +315,9 @@ def test_a_slow_calibration_is_waited_for_in_silence(of_raw, monkeypatch):
 
 def test_a_lens_that_cannot_be_rectified_is_refused(of_raw):
     graph, _ = of_raw
-    fields = {**calibrations(RAW)[0], "distortion_model": "fov"}
+    fields, begin_s = {**calibrations(RAW)[0], "distortion_model": "fov"}, time.time()
     graph.publish("left/camera_info", CameraInfo(header=header(0), **fields), n_subscriptions=2)
     for node in ("short_range", "long_range"):
-        status = graph.status(node, lambda status: "refused" in status.message)
+        status = graph.status(node, lambda status: "refused" in status.message, since_s=begin_s)
         assert "/left/camera_info refused" in status.message
         assert "distortion model 'fov' is not supported" in status.message

@@ -49,7 +49,7 @@ def started(ros):
 
 def change(graph, node, transition):
     request = ChangeState.Request(transition=Transition(id=transition))
-    return graph.call(ChangeState, f"{node}/change_state", request, timeout_s=60).success
+    return graph.call(ChangeState, f"{node}/change_state", request).success
 
 
 def state(graph, node):

@@ -2,6 +2,7 @@
 
 import itertools
 import threading
+import time
 
 import numpy as np
 import pytest
@@ -247,8 +248,12 @@ def test_a_geometry_that_comes_is_waited_for_until_it_is_lost(mapped, monkeypatc
     first = start(mapped)
     late, lost, last = (first + i * PERIOD_NS for i in range(1, 4))
     mapped.publish("left/camera_info", camera_info())
+    n_processed = value(
+        mapped.status("long_range", lambda status: value(status, "frames waiting") == 0), "frames processed"
+    )
     detected(mapped, FAR, first)
-    mapped.spin_until(lambda: not geometry._is_coming)
+    mapped.status("long_range", lambda status: value(status, "frames processed") == n_processed + 1)
+    assert not geometry._is_coming
     monkeypatch.setattr(long_range_inputs, "_GEOMETRY_TIMEOUT_S", 60.0)
     publish_geometry(mapped, first)  # too late, but now the node knows that it comes
     mapped.spin_until(lambda: geometry._is_coming)
@@ -293,9 +298,10 @@ def test_an_occupancy_of_more_pixels_than_are_allowed_is_refused(graph):
     set_parameters(graph, {"source.max_pixels": HEIGHT * WIDTH})
     stamp = start(graph)
     graph.publish("left/image_rect", image(FAR[0], stamp))
+    begin_s = time.time()
     graph.publish("short_range/occupancy", image(np.zeros((2 * HEIGHT, WIDTH), np.uint8), stamp))
-    status = graph.status("long_range", lambda status: value(status, "refused") == 1, name="short_range/occupancy")
-    assert TOO_LARGE in status.message
+    graph.status("long_range", lambda status: value(status, "refused") == 1, name="short_range/occupancy")
+    graph.status("long_range", lambda status: TOO_LARGE in status.message, since_s=begin_s)
 
 
 def test_a_geometry_from_before_a_reset_is_not_counted_when_it_is_refused(mapped, monkeypatch):

@@ -23,7 +23,10 @@ DISPARITY = Frame(camera=CAMERA, left=LEFT, disparity=ground_disparity())
 
 @pytest.mark.parametrize(("frame", "node"), [(STEREO, "long_range"), (DISPARITY, "short_range")])
 def test_figures_of_a_second_at_a_low_rate(frame, node):
-    figures = measure_nodes([frame], SETTINGS, rate_hz=4.0, seconds=1.0, node=node)
+    for _ in range(3):  # a pause of the computer may take all of the second
+        figures = measure_nodes([frame], SETTINGS, rate_hz=4.0, seconds=1.0, node=node)
+        if figures.rate_out_hz > 0 and figures.frame_ms > 0:
+            break
     assert figures.source == frame.source
     assert figures.frame_ms > 0
     assert 0 < figures.rate_in_hz <= 4.0

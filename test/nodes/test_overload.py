@@ -80,7 +80,7 @@ def test_counts_add_up_and_the_last_frame_is_answered(graph, monkeypatch):
     detect, turns = ShortRangeDetector.detect, threading.Semaphore(0)
 
     def slow(self, frame):
-        assert turns.acquire(timeout=60.0)
+        assert turns.acquire(timeout=300.0)
         return detect(self, frame)
 
     monkeypatch.setattr(ShortRangeDetector, "detect", slow)

@@ -171,7 +171,7 @@ def test_a_file_with_a_misspelt_name_ends_the_executable_with_status_2(tmp_path)
             *(sys.executable, "-m", "lrtrav_ros", "detector", "--ros-args", "--params-file", str(path)),
             *("-r", "__ns:=/parameters"),
         )
-        _, errors = process.communicate(timeout=60)
+        _, errors = process.communicate(timeout=300)
     assert process.returncode == 2
     assert errors.splitlines()[-1].endswith("no parameter 'stereo.mathcer'; did you mean stereo.matcher?")
     assert "Traceback" not in errors

@@ -64,7 +64,7 @@ def test_nodes_run_until_a_signal_and_end_well(graph, start, name, nodes, signal
         names = {status.name for status in statuses if status.hardware_id.startswith("/process/")}
         return {name for name in names if name.endswith(": frames")}
 
-    graph.spin_until(lambda: seen() == {f"{node}: frames" for node in nodes}, timeout_s=60)
+    graph.spin_until(lambda: seen() == {f"{node}: frames" for node in nodes})
     if name == "long_range_node":
         check_diagnostics(graph)
     for number in signals:
@@ -143,7 +143,7 @@ def test_a_time_that_rclpy_cannot_take_ends_no_node(graph, start):
 
 
 def check_ends_well(process):
-    _, errors = process.communicate(timeout=60)
+    _, errors = process.communicate(timeout=300)
     assert process.returncode == 0
     assert "Traceback" not in errors
     return errors
@@ -161,7 +161,7 @@ def check_ends_well(process):
     ],
 )
 def test_wrong_parameters_end_with_status_2(start, ros_args, reason):
-    _, errors = (process := start("short_range_node", *ros_args)).communicate(timeout=60)
+    _, errors = (process := start("short_range_node", *ros_args)).communicate(timeout=300)
     assert process.returncode == 2
     assert reason in errors.splitlines()[-1]
     assert "Traceback" not in errors
@@ -171,7 +171,7 @@ def test_wrong_parameters_end_with_status_2(start, ros_args, reason):
 def test_help_does_not_import_ros(name):
     code = "import atexit, sys; atexit.register(lambda: print({'rclpy', 'numpy'} & set(sys.modules))); " + COMMAND
     result = subprocess.run(
-        [sys.executable, "-c", code, name, "--help"], capture_output=True, cwd=ROOT, text=True, timeout=60, check=False
+        [sys.executable, "-c", code, name, "--help"], capture_output=True, cwd=ROOT, text=True, timeout=300, check=False
     )
     assert (result.returncode, result.stderr) == (0, "")
     assert result.stdout.startswith(f"usage: {name}")

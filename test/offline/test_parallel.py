@@ -76,10 +76,9 @@ def test_tasks_are_taken_as_they_are_needed(jobs):
 
     results = run_tasks(time.sleep, tasks(), jobs=jobs)
     assert [next(results) for _ in range(3)] == [None] * 3
-    n_taken = len(taken)
     results.close()
-    assert 3 <= n_taken <= 20
-    assert len(taken) <= n_taken + 10
+    # However late this process takes the results, which the others may be ahead of.
+    assert 3 <= len(taken) <= jobs * parallel._AHEAD
 
 
 def test_results_that_are_taken_slowly_do_not_pile_up():
