@@ -13,6 +13,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
+from lrtrav_ros.commands.reporting import warn
 from lrtrav_ros.commands.usage_error import UsageError
 
 
@@ -111,7 +112,7 @@ def run(name: str, arguments: Sequence[str], *, prog: str = "") -> int:
     except KeyboardInterrupt:
         return 130
     except (OSError, ValueError, RuntimeError) as err:
-        print(f"{prog}: {err}", file=sys.stderr)
+        warn(f"{prog}: {err}")
         return 2 if isinstance(err, UsageError) else 1
 
 

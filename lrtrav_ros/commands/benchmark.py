@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
 from lrtrav_ros.commands.options import add_detection_options, config_from, image_size, positive_integer
+from lrtrav_ros.commands.reporting import print_result
 from lrtrav_ros.commands.usage_error import UsageError
 from lrtrav_ros.config import Config
 from lrtrav_ros.io.parameter_file import read_parameter_file
@@ -88,9 +89,8 @@ def run(args: argparse.Namespace) -> int:
     figures = _of_nodes(args, config) if args.ros else _of_stages(args, config, threads)
     from lrtrav_ros.benchmark.table import table
 
-    for line in table(figures):
-        print(line)
     _write(args, figures)
+    print_result(*table(figures))
     return 0
 
 

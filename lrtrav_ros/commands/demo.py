@@ -16,7 +16,8 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from lrtrav_ros.commands.options import positive_integer
+from lrtrav_ros.commands.options import output_folder_path, positive_integer
+from lrtrav_ros.commands.reporting import report, warn
 from lrtrav_ros.commands.usage_error import UsageError
 
 if TYPE_CHECKING:
@@ -38,7 +39,7 @@ _TOPICS = (
 _MASKS = ("short_range", "long_range")
 _TRUSTED_M = 10.0  # as far as a small stereo camera sees; what lies beyond is for the long range
 _QUIET = ("--log-level", "error")  # the nodes would say that no images come while these are rendered
-_START_S = 90.0  # kernels are compiled at the first start
+_START_S = 300.0  # kernels are compiled at the first start, which takes minutes on a small computer
 _END_S = 10.0
 _PR_SET_PDEATHSIG = 1  # of Linux' prctl
 _VIDEO_RATE_HZ = 10.0
@@ -48,7 +49,11 @@ _SILENCE_S = 5.0  # after which no more masks come, once the replay has ended
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Describe the command's arguments."""
     parser.add_argument(
-        "--output", type=Path, default=Path("demo"), metavar="DIR", help="folder to write (%(default)s)"
+        "--output",
+        type=output_folder_path,
+        default=Path("demo"),
+        metavar="DIR",
+        help="folder to write (%(default)s)",
     )
     parser.add_argument("--overwrite", action="store_true", help="replace an output folder that exists, when finished")
     parser.add_argument(
@@ -85,9 +90,8 @@ def run(args: argparse.Namespace) -> int:
         if not scored:
             raise RuntimeError("no masks came back from the nodes; look for their messages above")
         _write(path, scored, results)
-    for line in _table(scored, len(frames), results):
-        print(line)
-    print(f"\nin {args.output}: overlay.mp4, stages.jpg, grid.jpg, masks in long_range")
+    report(*_table(scored, len(frames), results))
+    report(f"\nin {args.output}: overlay.mp4, stages.jpg, grid.jpg, masks in long_range")
     return 0
 
 
@@ -142,7 +146,7 @@ def _replay(bag: Path, detector: subprocess.Popen[bytes], *, n_frames: int, rate
     from lrtrav_ros.nodes.image_collector import ImageCollector
 
     with ImageCollector(_TOPICS, namespace=_namespace()) as collector:
-        print("waiting for the detector; its first start compiles kernels")
+        warn("waiting for the detector; its first start compiles kernels")
         if not collector.spin_until(
             lambda: collector.publishers_are_there() or detector.poll() is not None, timeout_s=_START_S
         ):

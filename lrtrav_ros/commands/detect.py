@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -11,9 +10,12 @@ from typing import TYPE_CHECKING
 from lrtrav_ros.commands.options import (
     add_detection_options,
     add_parallel_options,
+    check_output,
     config_from,
+    output_folder_path,
     topic_remap,
 )
+from lrtrav_ros.commands.reporting import report, warn
 from lrtrav_ros.commands.usage_error import UsageError
 
 if TYPE_CHECKING:
@@ -36,7 +38,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--output",
-        type=Path,
+        type=output_folder_path,
         required=True,
         metavar="DIR",
         help="folder to write to; with several inputs, one subfolder for each, named after it. An interrupted run "
@@ -79,39 +81,43 @@ def run(args: argparse.Namespace) -> int:
 
     _check_order(args, config)
     names = output_names(args.inputs)
-    _check_inputs(args.inputs, args.output)
+    _check_inputs(args.inputs)
+    check_output(args.output, args.inputs)
     if args.output_bag is not None:
         _check_output_bag(args.output_bag, args.inputs)
     identity = detection_identity(args.inputs, config, extras=extras, topics=topics, output_bag=args.output_bag)
     keeps = can_keep_frames(config, output_bag=args.output_bag)
-    failures, damaged = [], []
-    with output_folder(args.output, identity, overwrite=args.overwrite, keeps=keeps) as journal:
-        if args.output_bag is not None:
-            _check_is_new(args.output_bag, overwrite=args.overwrite or journal.has_bag)
+    outcomes: dict[Path, Outcome] = {}
+    failures = []
+    try:
+        with output_folder(args.output, identity, overwrite=args.overwrite, keeps=keeps) as journal:
+            if args.output_bag is not None:
+                _check_is_new(args.output_bag, overwrite=args.overwrite or journal.has_bag)
+            for path, name in zip(args.inputs, names, strict=True):
+                try:
+                    outcomes[path] = detect_recording(
+                        path,
+                        journal.folder / name,
+                        config,
+                        extras=extras,
+                        output_bag=_moved(args.output_bag, args.output, journal.folder),
+                        topics=topics,
+                        jobs=args.jobs,
+                        cluster=args.cluster,
+                        journal=journal.part(name),
+                    )
+                except ValueError as err:
+                    failures.append(str(err))
+                else:
+                    failures += _failure(path, outcomes[path])
+            if len(failures) == len(names):
+                raise ValueError("; ".join(failures))
+    finally:  # what is printed comes when the folder is finished, or as far as it got
         for path, name in zip(args.inputs, names, strict=True):
-            try:
-                outcome = detect_recording(
-                    path,
-                    journal.folder / name,
-                    config,
-                    extras=extras,
-                    output_bag=_moved(args.output_bag, args.output, journal.folder),
-                    topics=topics,
-                    jobs=args.jobs,
-                    cluster=args.cluster,
-                    journal=journal.part(name),
-                )
-                if outcome.is_damaged:
-                    damaged.append(path)
-                _report(path, args.output / name, outcome)
-            except ValueError as err:
-                failures.append(str(err))
-        if len(failures) == len(names):
-            raise ValueError("; ".join(failures))
-    for failure in failures:
-        print(failure, file=sys.stderr)
-    for path in damaged:
-        print(f"{path}: is damaged; what could be read of it is done", file=sys.stderr)
+            if path in outcomes:
+                _report(args.output / name, outcomes[path])
+    damaged = [path for path, outcome in outcomes.items() if outcome.is_damaged]
+    warn(*failures, *(f"{path}: is damaged; what could be read of it is done" for path in damaged))
     return 1 if failures or damaged else 0
 
 
@@ -145,13 +151,11 @@ def _check_order(args: argparse.Namespace, config: Config) -> None:
         raise UsageError(str(err)) from err
 
 
-def _check_inputs(inputs: Sequence[Path], output: Path) -> None:
-    """Raise OSError or ValueError where an input cannot be worked on, before the work begins."""
+def _check_inputs(inputs: Sequence[Path]) -> None:
+    """Raise FileNotFoundError where an input is not there, before the work begins."""
     for path in inputs:
         if not path.exists():
             raise FileNotFoundError(f"{path}: there is no such folder or file")
-        if path.resolve().is_relative_to(output.resolve()):
-            raise ValueError(f"--output {output} holds the input {path}; choose another folder")
 
 
 def _check_output_bag(path: Path, inputs: Sequence[Path]) -> None:
@@ -171,7 +175,8 @@ def _check_output_bag(path: Path, inputs: Sequence[Path]) -> None:
 def _check_is_new(path: Path, *, overwrite: bool) -> None:
     """Raise FileExistsError where a file is there that is not to be replaced."""
     if path.exists() and not (overwrite and path.is_file()):
-        raise FileExistsError(f"{path} exists; choose another name" + ("" if path.is_dir() else " or give --overwrite"))
+        remedy = "choose another name" + (" or give --overwrite" if path.is_file() else "")
+        raise FileExistsError(f"{path} exists; {remedy}")
 
 
 def _moved(path: Path | None, folder: Path, written: Path) -> Path | None:
@@ -181,39 +186,43 @@ def _moved(path: Path | None, folder: Path, written: Path) -> Path | None:
     return written / path.resolve().relative_to(folder.resolve())
 
 
-def _report(path: Path, output: Path, outcome: Outcome) -> None:
-    """Say what came of an input; raises ValueError where nothing did."""
+def _failure(path: Path, outcome: Outcome) -> list[str]:
+    """Return a line where nothing came of an input."""
+    return [] if outcome.n_done else [f"{path}: none of its {outcome.n_skipped} frames could be used"]
+
+
+def _report(output: Path, outcome: Outcome) -> None:
+    """Say what came of an input."""
     if outcome.n_kept:
-        print(f"{outcome.n_kept} frames were finished before", file=sys.stderr)
-    for problem in outcome.problems:
-        print(problem, file=sys.stderr)
+        warn(f"{outcome.n_kept} frames were finished before")
+    warn(*outcome.problems)
     if not outcome.n_done:
-        raise ValueError(f"{path}: none of its {outcome.n_skipped} frames could be used")
+        return
     counts = [f"{outcome.n_done} frames"]
     if outcome.n_skipped:
         counts.append(f"{outcome.n_skipped} skipped")
     if outcome.n_without_ground:
         counts.append(f"{outcome.n_without_ground} without ground in sight")
-    print(f"{', '.join(counts)}: {output}")
+    report(f"{', '.join(counts)}: {output}")
 
 
 def output_names(inputs: Sequence[Path]) -> list[str]:
-    """Return a folder's name for each input; none is needed for one input.
-
-    It is the input's own name, with those of the folders around it where several inputs have the same.
+    """Return a folder's name for each input, see `recording.distinct_names`; none is needed for one input.
 
     Raises
     ------
     ValueError
         If an input is given twice, or only the suffix tells two apart.
     """
+    from lrtrav_ros.io.recording import distinct_names
+
     if len(inputs) == 1:
         return [""]
     paths = [path.resolve() for path in inputs]
     parts = [(*path.parts[1:-1], path.stem if path.is_file() else path.name) for path in paths]
-    for n in range(1, max(map(len, parts)) + 1):
-        names = ["_".join(part[-n:]) for part in parts]
-        if len(set(names)) == len(names):
-            return names
-    twice = next(path for i, path in enumerate(inputs) if parts[i] in parts[:i])
-    raise ValueError(f"{twice}: is given twice, or beside one that differs in its suffix alone; run them one by one")
+    for i, path in enumerate(inputs):
+        if parts[i] in parts[:i]:
+            raise ValueError(
+                f"{path}: is given twice, or beside one that differs in its suffix alone; run them one by one"
+            )
+    return distinct_names(parts)

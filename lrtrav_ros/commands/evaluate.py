@@ -4,13 +4,19 @@ from __future__ import annotations
 
 import argparse
 import os
-import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from lrtrav_ros.commands.options import add_parallel_options, add_setting_options, settings_from
+from lrtrav_ros.commands.options import (
+    add_parallel_options,
+    add_setting_options,
+    check_output,
+    output_folder_path,
+    settings_from,
+)
+from lrtrav_ros.commands.reporting import print_result, report, warn
 from lrtrav_ros.commands.usage_error import UsageError
 
 if TYPE_CHECKING:
@@ -33,7 +39,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--output",
-        type=Path,
+        type=output_folder_path,
         metavar="DIR",
         help="folder to write to; an interrupted run resumes there. Results that the code or a setting has changed "
         "since are moved into DIR/superseded-N, and computed anew",
@@ -105,7 +111,7 @@ def run(args: argparse.Namespace) -> int:
 def _inspect(path: Path) -> int:
     from lrtrav_ros.evaluation.truth.mat_files import describe
 
-    print("\n".join(describe(path)))
+    print_result(*describe(path))
     return 0
 
 
@@ -122,6 +128,7 @@ def _evaluate(args: argparse.Namespace, values: dict[str, object]) -> int:
         reading, methods = _reader_options(args, values), _methods(args)
         setup = make_setup(methods, values, n_seeds=args.seeds, save_masks=args.save_masks)
     sets = open_sets(args.datasets, reading)
+    check_output(args.output, args.datasets)
     check_place(args.output)
     with locked_folder(args.output):
         folder = EvaluationFolder(args.output, evaluation_identity(setup, reading, sets=sets, unknown=args.unknown))
@@ -132,7 +139,7 @@ def _evaluate(args: argparse.Namespace, values: dict[str, object]) -> int:
         summary = write_results(sets, setup, folder, unknown=args.unknown, jobs=args.jobs, cluster=args.cluster)
         os.sync()
     _print(summary)
-    print(f"\n{args.output}/report.html, scores.csv, summary.json, times.csv")
+    report(f"\n{args.output}/report.html, scores.csv, summary.json, times.csv")
     is_whole = _print_damage(sets)
     return 0 if summary.results and is_whole else 1
 
@@ -185,15 +192,15 @@ def _print_superseded(folder: EvaluationFolder) -> None:
         lines = [f"{folder.path}: these have changed since the earlier run:"]
         lines += [f"  {change}" for change in folder.superseded.changes]
         lines += [f"starting afresh; the earlier results are kept in {folder.superseded.path}"]
-        print("\n".join(lines), file=sys.stderr)
+        warn(*lines)
 
 
 def _print_resumption(resumption: Resumption) -> None:
     """Say on standard error what an earlier run had finished."""
     if resumption.n_kept:
-        print(f"{resumption.n_kept} frames were finished before", file=sys.stderr)
+        warn(f"{resumption.n_kept} frames were finished before")
     if resumption.n_changed:
-        print(f"frames evaluated again, because their files have changed: {resumption.n_changed}", file=sys.stderr)
+        warn(f"frames evaluated again, because their files have changed: {resumption.n_changed}")
 
 
 def _print_damage(sets: Sequence[NamedSet]) -> bool:
@@ -201,8 +208,7 @@ def _print_damage(sets: Sequence[NamedSet]) -> bool:
     from lrtrav_ros.evaluation.truth.folders_and_bags import LabelledBag
 
     problems = [problem for item in sets if isinstance(item.frames, LabelledBag) for problem in item.frames.problems()]
-    for problem in problems:
-        print(problem, file=sys.stderr)
+    warn(*problems)
     return not problems
 
 
@@ -212,13 +218,13 @@ def _print(summary: Summary) -> None:
     from lrtrav_ros.method.ground import NO_GROUND
 
     if summary.results:
-        print("\n".join(["", *score_table(summary), "", *band_table(summary), "", *obstacle_table(summary)]))
+        report("", *score_table(summary), "", *band_table(summary), "", *obstacle_table(summary))
     for item in summary.sets:
         for failed in item.errors:
-            print(f"{item.name}/{failed.frame}: {failed.error}", file=sys.stderr)
+            warn(f"{item.name}/{failed.frame}: {failed.error}")
         if item.n_without_truth:
-            print(f"{item.name}: {item.n_without_truth} frames have no ground truth", file=sys.stderr)
+            warn(f"{item.name}: {item.n_without_truth} frames have no ground truth")
     for result in summary.results:
         if result.gave_up:
             frames = ", ".join(result.gave_up)
-            print(f"{result.set}, {result.method}: {NO_GROUND} in {frames}", file=sys.stderr)
+            warn(f"{result.set}, {result.method}: {NO_GROUND} in {frames}")

@@ -9,12 +9,12 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import shutil
-import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from lrtrav_ros.commands.options import image_size, positive_integer
+from lrtrav_ros.commands.options import image_size, output_folder_path, positive_integer
+from lrtrav_ros.commands.reporting import report, warn
 from lrtrav_ros.config import Parameter, Value, settings_of
 from lrtrav_ros.synthetic.scene_config import SceneConfig
 
@@ -32,7 +32,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     width, height = _SETTINGS["width"].default, _SETTINGS["height"].default
     parser.add_argument(
-        "folder", type=Path, metavar="DIR", help="new or empty folder to write; an interrupted run resumes there"
+        "folder",
+        type=output_folder_path,
+        metavar="DIR",
+        help="new or empty folder to write; an interrupted run resumes there",
     )
     parser.add_argument("--size", type=_size, metavar="WxH", help=f"size of the images, pixels ({width}x{height})")
     for field, parameter in _SETTINGS.items():
@@ -76,8 +79,8 @@ def run(args: argparse.Namespace) -> int:
             _write_sequence(part, dataclasses.replace(first, seed=first.seed + number), args.bag)
             n_kept += len(part.finished)
     if n_kept:
-        print(f"{n_kept} frames were finished before", file=sys.stderr)
-    print(f"{args.sequences * first.n_frames} frames written to {args.folder}")
+        warn(f"{n_kept} frames were finished before")
+    report(f"{args.sequences * first.n_frames} frames written to {args.folder}")
     return 0
 
 

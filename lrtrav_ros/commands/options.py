@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import argparse
 import re
-import sys
 import textwrap
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from lrtrav_ros.commands.reporting import warn
 from lrtrav_ros.commands.usage_error import UsageError
 from lrtrav_ros.config import PRESETS, Config, Value, find_parameter, parameters
 from lrtrav_ros.io.parameter_file import ParameterFile, read_parameter_file
 
 _ADDRESS = re.compile(r"((tcp|tls|ws|wss)://)?([^\s/:]+|\[[0-9a-fA-F:.]+\]):(?P<port>\d{1,5})")
+
+_MOST = 1_000_000
+_MOST_JOBS = 1024
 
 
 def add_detection_options(parser: argparse.ArgumentParser) -> None:
@@ -65,25 +68,51 @@ def topic_remap(text: str) -> tuple[str, str]:
     return topic, name
 
 
+def output_folder_path(text: str) -> Path:
+    """Return the path of a folder to write; raises what argparse reports for none, which Path takes for ``.``."""
+    if not text:
+        raise argparse.ArgumentTypeError("no folder is named; give its name, or . for the working directory")
+    return Path(text)
+
+
+def check_output(output: Path, inputs: Sequence[Path]) -> None:
+    """Raise ValueError where an output folder holds an input, or is in one of a dataset folder's own folders."""
+    from lrtrav_ros.io.dataset_folder import OWN_FOLDERS
+
+    place = output.resolve()
+    for path in inputs:
+        if path.resolve().is_relative_to(place):
+            raise ValueError(f"--output {output} holds the input {path}; choose another folder")
+        if any(place.is_relative_to(path.resolve() / name) for name in OWN_FOLDERS):
+            raise ValueError(f"--output {output} is, or is in, a folder of the input {path}; choose another folder")
+
+
 def positive_integer(text: str) -> int:
-    """Return a whole number of at least 1; raises what argparse reports."""
-    if not text.isdecimal() or int(text) < 1:
-        raise argparse.ArgumentTypeError(f"{text!r} is not a whole number of at least 1")
+    """Return a whole number from 1 to a million; raises what argparse reports."""
+    if not _is_number(text, 1, _MOST):
+        raise argparse.ArgumentTypeError(f"{text!r} is not a whole number from 1 to {_MOST}")
     return int(text)
+
+
+def _is_number(text: str, low: int, high: int) -> bool:
+    """Return whether a text is a whole number in a range; Python refuses to read thousands of digits."""
+    return text.isdecimal() and len(text) <= len(str(high)) and low <= int(text) <= high
 
 
 def image_size(text: str) -> tuple[int, int]:
     """Return width and height of a text such as 640x480; raises what argparse reports."""
     width, separator, height = text.lower().partition("x")
-    if not (separator and width.isdecimal() and height.isdecimal()):
+    if not (separator and _is_number(width, 0, _MOST) and _is_number(height, 0, _MOST)):
         raise argparse.ArgumentTypeError(f"{text!r} is not a size; write it as 640x480")
     return int(width), int(height)
 
 
 def _jobs(text: str) -> int:
     """Return a number of processes; raises what argparse reports."""
-    if not text.isdecimal():
-        raise argparse.ArgumentTypeError(f"{text!r} is not a number of processes; give 0 for one on each processor")
+    if not _is_number(text, 0, _MOST_JOBS):
+        raise argparse.ArgumentTypeError(
+            f"{text!r} is not a number of processes; give 1 to {_MOST_JOBS}, or 0 for one on each processor"
+        )
     return int(text)
 
 
@@ -137,7 +166,7 @@ def _parameter_file(args: argparse.Namespace) -> ParameterFile:
     except (OSError, ValueError) as err:
         raise UsageError(f"--params: {err}") from err
     if file.foreign:
-        print(f"--params: {args.params}: not for this package, ignored: {', '.join(file.foreign)}", file=sys.stderr)
+        warn(f"--params: {args.params}: not for this package, ignored: {', '.join(file.foreign)}")
     return file
 
 

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from lrtrav_ros.commands.options import topic_remap
+from lrtrav_ros.commands.reporting import warn
 from lrtrav_ros.commands.usage_error import UsageError
 from lrtrav_ros.io.topics import PARTNER
 
@@ -63,7 +63,7 @@ def run(args: argparse.Namespace) -> int:
     except RosArgumentsError as err:
         raise UsageError(str(err)) from err
     if not is_whole:
-        print(f"{args.bag}: is damaged; what could be read of it is published", file=sys.stderr)
+        warn(f"{args.bag}: is damaged; what could be read of it is published")
     return 0 if is_whole else 1
 
 

@@ -31,7 +31,7 @@ def write_bytes(path: str | os.PathLike[str], data: bytes, *, durable: bool = Fa
     Raises
     ------
     OSError
-        If it cannot be written; the error names it.
+        If it cannot be written, or is a device, pipe or socket; the error names it.
     """
     with _temporary_file(Path(path)) as temporary:
         with temporary.open("wb", buffering=0) as file:
@@ -43,15 +43,17 @@ def write_bytes(path: str | os.PathLike[str], data: bytes, *, durable: bool = Fa
 
 def check_writable(path: Path) -> None:
     """Raise OSError where `write_bytes` could not write a file, before there is something to write."""
-    if path.is_dir():
-        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
     with _temporary_file(path) as temporary:
         temporary.touch()
 
 
 @contextmanager
 def _temporary_file(path: Path) -> Iterator[Path]:
-    """Yield what to name a file until it is finished; it is gone afterwards."""
+    """Yield what to name a file until it is finished; it is gone afterwards. Raises OSError where no file can be."""
+    if path.is_dir():
+        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
+    if path.exists() and not path.is_file():
+        raise OSError(f"{path}: is a device, pipe or socket, which a file would replace; give the name of a file")
     path.parent.mkdir(parents=True, exist_ok=True)
     temporary = path.with_name(f"{hidden_name(path)}.{os.getpid()}.tmp")
     try:

@@ -101,8 +101,8 @@ class BagFile:
     ----------
     path : Path
         A file that `storage_format` knows.
-    folder : Path
-        Where to write what the file holds if it is compressed.
+    stem : Path
+        Where to write what the file holds if it is compressed, without suffix; no other file's.
     report : callable
         Is called with what is damaged, now and later.
 
@@ -114,10 +114,10 @@ class BagFile:
         What it holds.
     """
 
-    def __init__(self, path: Path, folder: Path, report: Report) -> None:
+    def __init__(self, path: Path, stem: Path, report: Report) -> None:
         self._report: Report = lambda text: report(f"{path}: {text}")
         self._kind = storage_format(path) or ""
-        self._path = self._plain_file(path, folder)
+        self._path = self._plain_file(path, stem)
         self.is_ros1 = self._kind == "rosbag1"
         self._indexed: _IndexedFile | None = None
         try:
@@ -174,11 +174,11 @@ class BagFile:
             if raw.time_ns > start_ns or (raw.time_ns == start_ns and raw.topic not in done):
                 yield raw
 
-    def _plain_file(self, path: Path, folder: Path) -> Path:
+    def _plain_file(self, path: Path, stem: Path) -> Path:
         """Return the file itself, or one with what it holds where it is compressed."""
         if not is_zstd_file(path):
             return path
-        plain = (folder / path.name.removesuffix(path.suffix)).with_suffix(_SUFFIXES[self._kind])
+        plain = stem.with_suffix(_SUFFIXES[self._kind])
         if problem := decompress_file(path, plain):
             self._report(f"cut off or damaged ({problem}); read as far as it can be decompressed")
         return plain

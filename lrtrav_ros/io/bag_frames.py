@@ -199,7 +199,8 @@ class StereoBag:
         """Report the images that found no partner."""
         losses = pairing.losses(tolerance_ns=self._tolerance_ns)
         if pairing.n_pairs == 0:
-            raise ValueError(f"{self.reader.path}: no images pair; {losses}")
+            reasons = filter(None, [losses, *self.problems])
+            raise ValueError("; ".join([f"{self.reader.path}: no images pair", *reasons]))
         if losses:
             self._problems.add(f"{self.reader.path}: {losses}")
 

@@ -10,6 +10,7 @@ from typing import Any
 import yaml
 
 _MAX_DEPTH = 64
+_MAX_DIGITS = 20  # of 64 bits; to read thousands takes minutes
 _MAX_BYTES = 4 << 20  # a recording of a hundred topics in a thousand files takes a tenth of it
 
 
@@ -22,10 +23,19 @@ class BagMetadata:
 
 
 class _Loader(yaml.SafeLoader):
-    """Refuses merged mappings, of which a few lines can make endless ones."""
+    """Refuses merged mappings, of which a few lines can make endless ones, and endless numbers."""
 
     def flatten_mapping(self, node: yaml.MappingNode) -> None:
         """Leave ``<<`` a key, which then is none that can be read."""
+
+    def construct_yaml_int(self, node: yaml.ScalarNode) -> int:
+        """Return a whole number; raises ValueError."""
+        if len(node.value) > _MAX_DIGITS:
+            raise ValueError(f"it has a number of {len(node.value)} digits")
+        return super().construct_yaml_int(node)
+
+
+_Loader.add_constructor("tag:yaml.org,2002:int", _Loader.construct_yaml_int)
 
 
 def read_metadata(path: Path) -> BagMetadata:
@@ -44,12 +54,12 @@ def read_metadata(path: Path) -> BagMetadata:
         raise ValueError(f"it is larger than {_MAX_BYTES} bytes")
     try:
         text = path.read_text(encoding="utf-8")
-        _check_depth(text)
+        check_depth(text)
         content: Any = yaml.load(text, _Loader)
         information = content["rosbag2_bagfile_information"]
         names = tuple(PurePath(name).name for name in information["relative_file_paths"])
         topics = information.get("topics_with_message_count", ())
-        counts = tuple((str(topic["topic_metadata"]["name"]), int(topic["message_count"])) for topic in topics)
+        counts = tuple(_count(topic["topic_metadata"]["name"], topic["message_count"]) for topic in topics)
     except RecursionError as err:
         raise ValueError("it is nested too deeply") from err
     except KeyError as err:
@@ -59,7 +69,14 @@ def read_metadata(path: Path) -> BagMetadata:
     return BagMetadata(names, counts)
 
 
-def _check_depth(text: str) -> None:
+def _count(name: object, count: object) -> tuple[str, int]:
+    """Return a topic's name and count; of lists that alias each other a text would take gigabytes."""
+    if not isinstance(name, str) or not isinstance(count, int):
+        raise ValueError("a topic's name is no text, or its count no whole number")
+    return name, count
+
+
+def check_depth(text: str) -> None:
     """Raise ValueError where brackets are nested so deeply that YAML's reader takes minutes."""
     depth = 0
     for bracket in re.findall(r"[][{}]", text):

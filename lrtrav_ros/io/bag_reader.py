@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import errno
 import heapq
 import os
+import resource
 from collections import Counter
 from collections.abc import Collection, Generator, Iterator
 from dataclasses import dataclass
@@ -21,6 +23,8 @@ from lrtrav_ros.io.bag_records import MAX_UNPACKED_BYTES, RawMessage
 from lrtrav_ros.io.problems import Problems
 from lrtrav_ros.io.temporary_folder import TemporaryFolder
 from lrtrav_ros.io.zstd_files import decompressed, is_zstd, is_zstd_file
+
+_OTHER_FILES = 64  # that a process may need to open beside those of a recording
 
 MAX_DEFINITION_CHARACTERS = 1 << 16
 """What the text of a type may take, which an image's does a sixteenth of: rosbags is slow at reading it."""
@@ -84,6 +88,8 @@ class BagReader:
         If there is no such file or folder.
     ValueError
         If it is no recording.
+    OSError
+        If a file cannot be read, or it has more files than a process may open.
     """
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
@@ -93,29 +99,17 @@ class BagReader:
         self._problems = Problems()
         metadata = recording_metadata(self.path, self._problems.add)
         paths = self._paths(metadata)
+        _allow_open_files(self.path, len(paths))
         self._is_closed = False
         self._folder = TemporaryFolder() if any(map(is_zstd_file, paths)) else None
         self._files: list[BagFile] = []
         try:
             folder = self._folder.path if self._folder else self.path
-            self._files.extend(BagFile(file, folder, self._problems.add) for file in paths)
+            self._files.extend(BagFile(file, folder / str(i), self._problems.add) for i, file in enumerate(paths))
+            self._fill_contents(metadata)
         except BaseException:
             self.close()
             raise
-        parts = [file.contents for file in self._files]
-        self.topics = {topic: kind for part in reversed(parts) for topic, kind in part.topics.items()}
-        self.definitions = {kind: text for part in parts for kind, text in part.definitions.items() if text}
-        self.counts: Counter[str] = Counter()
-        for part in parts:
-            self.counts.update(part.counts)
-        full = [part for part in parts if any(part.counts.values())]
-        self.start_ns = min((part.start_ns for part in full), default=0)
-        self.end_ns = max((part.end_ns for part in full), default=0)
-        self.qos = {topic: qos for part in parts for topic, qos in part.qos.items()}
-        if not self._problems:
-            self._compare_counts(metadata)
-        is_ros1 = any(part.is_ros1 for part in self._files)
-        self.typestore = self._ros1_types() if is_ros1 else None
 
     def __enter__(self) -> BagReader:
         return self
@@ -181,6 +175,23 @@ class BagReader:
             raise ValueError("; ".join([*self.problems, f"{remedy} folder"]))
         return paths
 
+    def _fill_contents(self, metadata: BagMetadata) -> None:
+        """Join what the files hold, and compare it with what the metadata list."""
+        parts = [file.contents for file in self._files]
+        self.topics = {topic: kind for part in reversed(parts) for topic, kind in part.topics.items()}
+        self.definitions = {kind: text for part in parts for kind, text in part.definitions.items() if text}
+        self.counts: Counter[str] = Counter()
+        for part in parts:
+            self.counts.update(part.counts)
+        full = [part for part in parts if any(part.counts.values())]
+        self.start_ns = min((part.start_ns for part in full), default=0)
+        self.end_ns = max((part.end_ns for part in full), default=0)
+        self.qos = {topic: qos for part in parts for topic, qos in part.qos.items()}
+        if not self._problems:
+            self._compare_counts(metadata)
+        is_ros1 = any(part.is_ros1 for part in self._files)
+        self.typestore = self._ros1_types() if is_ros1 else None
+
     def _report(self, problem: str) -> None:
         self._problems.add(f"{self.path}: {problem}")
 
@@ -213,6 +224,20 @@ class BagReader:
             self.report_unreadable(raw, reason(err))
             return
         yield BagMessage(raw.topic, raw.type, raw.time_ns, bytes(data))
+
+
+def _allow_open_files(path: Path, n: int) -> None:
+    """Raise this process's limit on open files where a recording needs that; raises OSError where it may not."""
+    limit, most = resource.getrlimit(resource.RLIMIT_NOFILE)
+    if limit == resource.RLIM_INFINITY or n < limit // 4:
+        return
+    needed = len(list(Path("/dev/fd").iterdir())) + n + _OTHER_FILES
+    if needed <= limit:
+        return
+    if most != resource.RLIM_INFINITY and needed > most:
+        remedy = f"allow {needed}, as with `ulimit -Hn`, or give the files in parts"
+        raise OSError(errno.EMFILE, f"it has {n} files, and this process may open {most}; {remedy}", str(path))
+    resource.setrlimit(resource.RLIMIT_NOFILE, (needed, most))
 
 
 def _lazy_messages(file: BagFile, topics: set[str], start_ns: int) -> Iterator[tuple[int, RawMessage | None]]:

@@ -11,6 +11,7 @@ from typing import Any, BinaryIO, NamedTuple
 from rosbags.interfaces import Qos
 from rosbags.rosbag2.metadata import parse_qos
 
+from lrtrav_ros.io.bag_metadata import check_depth
 from lrtrav_ros.io.zstd_files import ZstdError, zstd_decompressor
 
 Report = Callable[[str], None]
@@ -25,6 +26,7 @@ MAX_TIME_NS = 2**31 * 10**9
 """End of the times that ROS 2 can tell."""
 
 _MAX_QOS_CHARACTERS = 1 << 16
+_MAX_FRAMES = 64  # of compressed data, after each of which all that follows is copied; recorders write one
 _SMALL_BYTES = 1 << 16  # which may be reserved before it is known whether they are there
 
 
@@ -88,7 +90,7 @@ def unpacked(data: bytes | memoryview, compression: str, *, max_bytes: int = MAX
     Raises
     ------
     ValueError
-        If the data is damaged or there is more, or the compression is not known.
+        If the data is damaged or there is more, it is of too many frames, or the compression is not known.
     """
     if compression in ("", "none"):
         return data
@@ -96,6 +98,8 @@ def unpacked(data: bytes | memoryview, compression: str, *, max_bytes: int = MAX
     room = max_bytes + 1
     try:
         while data and room > 0:
+            if len(parts) == _MAX_FRAMES:
+                raise ValueError(f"consists of more than {_MAX_FRAMES} frames")
             decompressor = _decompressor(compression)
             parts.append(decompressor.decompress(data, room))
             room -= len(parts[-1])
@@ -142,6 +146,8 @@ def qos_profiles(profiles: object) -> Sequence[Qos]:
     if isinstance(profiles, str) and (len(profiles) > _MAX_QOS_CHARACTERS or "&" in profiles):
         raise ValueError("its quality of service is too long")
     try:
+        if isinstance(profiles, str):
+            check_depth(profiles)
         return parse_qos(profiles)  # type: ignore[arg-type]
     except Exception as err:  # rosbags and YAML raise anything from KeyError to RecursionError on damaged text
         raise ValueError(f"its quality of service cannot be read ({type(err).__name__})") from err

@@ -16,7 +16,6 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import math
 import os
 import time
 from collections.abc import Iterator, Mapping
@@ -42,6 +41,11 @@ _LENS = ("fx", "fy", "cx", "cy", "distortion_model", "distortion")
 _RAW_CALIBRATION = ("width", "height", "left", "right", "rotation", "translation_m")
 _SUFFIXES = (".png", ".jpg", ".jpeg")
 _FOLDERS = {"stereo": "right", "disparity": "disparity", "depth": "depth"}
+_DEPTH_SCALES = (1.0, 1e6)  # steps of a metre to a micrometre
+
+OWN_FOLDERS = ("left", *_FOLDERS.values(), "calib", "gt", "height")
+"""The folders of a dataset folder."""
+
 MILLIMETRES = 1000.0
 """Scale of files in millimetres: depth, where `calib.json` names no other, and height."""
 
@@ -313,8 +317,9 @@ def _calibration(values: Mapping[str, Any]) -> _Calibration:
         return _Calibration(raw.camera, MILLIMETRES, raw)  # depth is none of a raw pair's
     camera = StereoCamera(**_fields(values, _CALIBRATION))
     scale = values.get("depth_scale", MILLIMETRES)
-    if isinstance(scale, bool) or not isinstance(scale, (int, float)) or not 0 < scale < math.inf:
-        raise ValueError(f"depth_scale is {scale!r}; give a positive number")
+    low, high = _DEPTH_SCALES
+    if isinstance(scale, bool) or not isinstance(scale, (int, float)) or not low <= scale <= high:
+        raise ValueError(f"depth_scale is {scale!r}; give {low:.0f} to {high:.0f}, such as 1000 for millimetres")
     return _Calibration(camera, scale)
 
 

@@ -31,6 +31,7 @@ _MAGIC = b"\x89MCAP0\r\n"
 _HEADER, _FOOTER, _SCHEMA, _CHANNEL, _MESSAGE, _CHUNK = 1, 2, 3, 4, 5, 6
 _CHUNK_INDEX, _STATISTICS, _SUMMARY_OFFSET, _DATA_END = 8, 11, 14, 15
 _FOOTER_BYTES = 9 + 20
+_MAX_HELD_BYTES = 1 << 30  # of messages whose chunks overlap in time, which are in memory together
 _ERRORS = (EOFError, ValueError, struct.error)  # of records that are damaged
 
 
@@ -96,6 +97,7 @@ class McapFile:
         self._report = report
         self._channels = _Channels()
         self._chunks: list[_ChunkIndex] = []
+        self._n_held = 0
         self.contents = Contents()
         self._file = path.open("rb")
         try:
@@ -109,7 +111,10 @@ class McapFile:
         self._file.close()
 
     def messages(self, topics: set[str], start_ns: int) -> Iterator[RawMessage]:
-        """Yield the messages on topics, at a time or later, in order of time; chunks that are damaged are reported."""
+        """Yield the messages on topics, at a time or later, in order of time; chunks that are damaged are reported.
+
+        Raises ValueError where too many chunks overlap in time to be put in order.
+        """
         wanted = {number for number, (topic, *_) in self._channels.known.items() if topic in topics}
         parts = [
             self._timed(chunk, wanted, start_ns)
@@ -185,8 +190,15 @@ class McapFile:
                         found.append(raw)
         except _ERRORS as err:
             self._report(_damaged_chunk(chunk.offset, chunk.size, err))
-        for raw in sorted(found, key=lambda raw: raw.time_ns):
-            yield raw.time_ns, chunk.offset, raw
+        n_bytes = sum(len(raw.data) for raw in found)
+        self._n_held += n_bytes
+        try:
+            if self._n_held > _MAX_HELD_BYTES:
+                raise ValueError(f"more than {_MAX_HELD_BYTES} bytes of its chunks overlap in time; they stay unsorted")
+            for raw in sorted(found, key=lambda raw: raw.time_ns):
+                yield raw.time_ns, chunk.offset, raw
+        finally:
+            self._n_held -= n_bytes
 
 
 class _Fields:

@@ -6,15 +6,21 @@ import os
 import shutil
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 
-from lrtrav_ros.io.atomic_files import hidden_name, is_leftover, remove_leftovers
+from lrtrav_ros.io.atomic_files import hidden_name, is_leftover, remove_leftovers, write_bytes
 from lrtrav_ros.io.folder_lock import LOCK_FILE, locked_folder
 from lrtrav_ros.io.run_journal import JOURNAL_FILE, RunJournal, changes_since
 
 _LONGEST_NAME = 255
 _CHOOSE = "choose another"
 _OVERWRITE = "choose another or give --overwrite"
+
+MARK_FILE = ".lrtrav"
+"""The file in a finished folder by which it is known that it may be replaced."""
+
+_MARK = b"This folder was made by lrtrav, which replaces it when it is told --overwrite.\n"
 
 
 @contextmanager
@@ -29,9 +35,9 @@ def output_folder(
     """Yield the journal of a run whose ``folder`` is to be written to; a finished result is never lost to another one.
 
     A new or empty folder is written to as it is, and so is one whose run was interrupted, with this identity. Another
-    one that holds something is only replaced with `overwrite`, and only when the new one is finished: until then that
-    is beside it, as ``.NAME.new``. There it is removed when the run ends by an exception, and resumed by the next one
-    where it was killed.
+    one that holds something is only replaced with `overwrite`, where it was made here, and only when the new one is
+    finished: until then that is beside it, as ``.NAME.new``. There it is removed when the run ends by an exception, and
+    resumed by the next one where it was killed.
 
     Parameters
     ----------
@@ -42,32 +48,35 @@ def output_folder(
     overwrite : bool
         Replace what is there.
     can_overwrite : bool
-        Whether the user can be told to overwrite.
+        Whether the user can be told to overwrite, now and of what is written.
     keeps : bool
         Whether frames that were finished before need not be done again.
 
     Raises
     ------
     FileExistsError
-        If there is a result or a file at `path`, or the unfinished result of another run, and `overwrite` is not set.
+        If there is a result at `path`, or the unfinished one of another run, and `overwrite` is not set; or a file, or
+        a folder that was not made here or cannot be replaced.
     BlockingIOError
         If another run writes to the folder.
     OSError
         If it cannot be written to.
     """
     path = path.resolve()  # what a link points to is replaced, not the link
-    refusal = None if overwrite else (_OVERWRITE if can_overwrite else _CHOOSE)
-    _check(path, identity, refusal)
+    check = partial(_check, path, identity, overwrite=overwrite, can_overwrite=can_overwrite)
+    check()
     _restore(path)
     with locked_folder(path):
-        _check(path, identity, refusal)
+        check()
         if _is_free(path, identity):
             _remove(_beside(path, "new"))  # of a run that was killed while it replaced what was here
-            with _journal(path, path, identity, keeps=keeps) as journal:
-                yield journal
+            run = _journal(path, path, identity, keeps=keeps)
         else:
-            with _replacement(path, identity, keeps=keeps) as journal:
-                yield journal
+            run = _replacement(path, identity, keeps=keeps)
+        with run as journal:
+            yield journal
+            if can_overwrite:
+                write_bytes(journal.folder / MARK_FILE, _MARK)
         _remove(_beside(path, "old"))
 
 
@@ -103,16 +112,39 @@ def _journal(folder: Path, path: Path, identity: Mapping[str, str], *, keeps: bo
             _empty(folder)
 
 
-def _check(path: Path, identity: Mapping[str, str], remedy: str | None) -> None:
-    """Raise FileExistsError where there is no folder, or one that cannot be written to without a remedy."""
+def _check(path: Path, identity: Mapping[str, str], *, overwrite: bool, can_overwrite: bool) -> None:
+    """Raise FileExistsError where there is no folder, or one that may not be written to, nor replaced."""
     if path.exists() and not path.is_dir():
         raise FileExistsError(f"{path} exists and is not an empty folder; {_CHOOSE}")
-    if remedy is None or _is_free(path, identity):
+    if _is_free(path, identity):
         return
+    if overwrite:
+        _check_replaceable(path)
+        return
+    remedy = _OVERWRITE if can_overwrite and _is_own(path) else _CHOOSE
     if not (path / JOURNAL_FILE).exists():
         raise FileExistsError(f"{path} exists and is not an empty folder; {remedy}")
     changes = ", ".join(changes_since(path / JOURNAL_FILE, identity))
     raise FileExistsError(f"{path} holds what another run has not finished; since then changed: {changes}; {remedy}")
+
+
+def _check_replaceable(path: Path) -> None:
+    """Raise FileExistsError for a folder that is somebody else's, or that cannot be renamed, before the work."""
+    working = Path.cwd()
+    if path in (working, *working.parents):
+        raise FileExistsError(f"{path} is the working directory or holds it, and is not replaced; {_CHOOSE}")
+    if path.is_mount():
+        raise FileExistsError(f"{path} is a mount point, which cannot be replaced; choose a folder in it")
+    if not _is_own(path):
+        raise FileExistsError(
+            f"{path} holds what lrtrav did not make ({MARK_FILE} is not in it), and is not replaced; {_CHOOSE}, or "
+            "remove it yourself"
+        )
+
+
+def _is_own(path: Path) -> bool:
+    """Return whether a folder holds the result of a run, finished or not."""
+    return any((path / name).is_file() for name in (MARK_FILE, JOURNAL_FILE))
 
 
 def _is_free(path: Path, identity: Mapping[str, str]) -> bool:

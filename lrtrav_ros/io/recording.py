@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, closing, nullcontext
 from pathlib import Path
 from typing import Protocol, TypeAlias
@@ -83,3 +83,16 @@ def open_recording(
             max_pixels=config.max_pixels,
         )
     )
+
+
+def distinct_names(paths: Sequence[Sequence[str]]) -> list[str]:
+    """Return a name for each path, given by its parts; no two paths may be the same.
+
+    It is the last part, with those before it where several have the same. Where these differ only in what is between
+    their parts, as ``a_b/c`` and ``a/b_c`` do, it is the last part and a number.
+    """
+    for n_parts in range(1, max(map(len, paths)) + 1):
+        names = ["_".join(parts[-n_parts:]) for parts in paths]
+        if len(set(names)) == len(names):
+            return names
+    return ["_".join([*parts[-1:], str(i)]) for i, parts in enumerate(paths, 1)]

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import shlex
 import sqlite3
 from collections.abc import Iterator
-from contextlib import closing
+from contextlib import closing, suppress
 from pathlib import Path
 from typing import Any
 
@@ -40,6 +41,7 @@ class SqliteFile:
 
     def __init__(self, path: Path, report: Report) -> None:
         self._report = report
+        self._report_log(path)
         self._database = _Database(path)
         self.contents = Contents()
         try:
@@ -64,6 +66,16 @@ class SqliteFile:
         for number, time_ns, data in rows:
             if isinstance(time_ns, int) and isinstance(data, bytes):
                 yield RawMessage(*self._topics[number], "", time_ns, data)
+
+    def _report_log(self, path: Path) -> None:
+        """Report messages that are not in the database yet: a recorder that did not end leaves them in a log."""
+        log = path.with_name(f"{path.name}-wal")
+        with suppress(OSError):  # there is none
+            if log.stat().st_size > 0:
+                self._report(
+                    f"its recorder did not end: messages in {log} are not read; move them into the database first, by "
+                    f"sqlite3 {shlex.quote(str(path))} 'PRAGMA wal_checkpoint'"
+                )
 
     def _fill_contents(self) -> None:
         """Ask for counts, times, definitions and qualities of service."""

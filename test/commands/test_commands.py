@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import importlib.metadata
 import json
+import os
 import re
 import subprocess
 import sys
@@ -200,7 +201,13 @@ def test_benchmark_refuses_files_that_cannot_be_written_before_it_measures(
 ) -> None:
     monkeypatch.setattr("lrtrav_ros.benchmark.figures.measure", None)
     sweep = ["--sizes", "160x120,240x160"]
-    for option, path in (("--json", Path("/proc/figures.json")), ("--chart", tmp_path / "folder.svg")):
+    os.mkfifo(tmp_path / "pipe.json")
+    places = (
+        ("--json", Path("/proc/figures.json")),
+        ("--json", tmp_path / "pipe.json"),
+        ("--chart", tmp_path / "folder.svg"),
+    )
+    for option, path in places:
         (tmp_path / "folder.svg").mkdir(exist_ok=True)
         assert run("benchmark", [*sweep, *TINY, option, str(path)]) == 1
         assert str(path) in capsys.readouterr().err
@@ -234,11 +241,44 @@ def test_benchmark_takes_frames_and_settings_that_are_given(tmp_path: Path, monk
     assert whole == [3]
 
 
+@pytest.mark.parametrize("number", ["0", "1000001", "1" + "0" * 21, "9" * 5000])
 @pytest.mark.parametrize("option", ["--frames", "--rounds", "--threads", "--superpixels", "--seconds"])
-def test_benchmark_of_nothing_is_refused(option: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_benchmark_of_nothing_or_without_end_is_refused(
+    option: str, number: str, capsys: pytest.CaptureFixture[str]
+) -> None:
     with pytest.raises(SystemExit, match="2"):
-        run("benchmark", [option, "0"])
-    assert f"{option}: '0' is not a whole number of at least 1" in capsys.readouterr().err
+        run("benchmark", [option, number])
+    assert f"{option}: '{number}' is not a whole number from 1 to 1000000" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("jobs", ["-1", "1025", "9" * 5000])
+@pytest.mark.parametrize("command", ["detect", "evaluate"])
+def test_numbers_of_processes_are_bounded(command: str, jobs: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit, match="2"):
+        run(command, ["x", "--output", "y", f"--jobs={jobs}"])
+    message = f"--jobs: '{jobs}' is not a number of processes; give 1 to 1024, or 0 for one on each processor"
+    assert message in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("size", ["640", "640x", "9999999x480", "640x" + "9" * 5000])
+def test_sizes_are_bounded(size: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit, match="2"):
+        run("benchmark", ["--sizes", size])
+    assert f"{size!r} is not a size; write it as 640x480" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "arguments", [["detect", "x", "--output"], ["evaluate", "x", "--output"], ["generate"], ["demo", "--output"]]
+)
+def test_output_without_a_name_is_refused(
+    arguments: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "mine").touch()
+    with pytest.raises(SystemExit, match="2"):
+        run(arguments[0], [*arguments[1:], ""])
+    assert "no folder is named; give its name, or . for the working directory" in capsys.readouterr().err
+    assert [path.name for path in tmp_path.iterdir()] == ["mine"]
 
 
 @pytest.mark.parametrize(

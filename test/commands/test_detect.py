@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import csv
+import errno
+import io
+import os
 import re
 import resource
 import shutil
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -23,6 +27,7 @@ from lrtrav_ros.io import bag_writer
 from lrtrav_ros.io.bag_writer import FORMATS, write_stereo_bag
 from lrtrav_ros.io.folder_lock import locked_folder
 from lrtrav_ros.io.image_files import read_disparity, read_image, write_image
+from lrtrav_ros.io.output_folder import MARK_FILE
 from lrtrav_ros.io.parameter_file import read_parameter_file
 from lrtrav_ros.io.result_folder import EXTRAS, ResultFolder
 
@@ -70,7 +75,9 @@ def contents(output, *folders):
     files = {
         path.relative_to(output): path.read_bytes()
         for path in sorted(output.rglob("*"))
-        if path.is_file() and path.name != "frames.csv" and (not folders or path.parent.name in folders)
+        if path.is_file()
+        and path.name not in ("frames.csv", MARK_FILE)
+        and (not folders or path.parent.name in folders)
     }
     if folders:
         return files
@@ -92,7 +99,7 @@ def failure(capsys):
 def test_writes_masks_overlay_table_and_configuration(detected):
     files = {str(path.relative_to(detected)) for path in detected.rglob("*") if path.is_file()}
     expected = {f"{mask}/{name}.png" for mask in MASKS for name in NAMES} | {f"overlay/{name}.jpg" for name in NAMES}
-    assert files == expected | {"frames.csv", "config.yaml"}
+    assert files == expected | {"frames.csv", "config.yaml", MARK_FILE}
     for name in NAMES:
         for mask in MASKS:
             image = read_image(detected / mask / f"{name}.png")
@@ -328,7 +335,7 @@ def test_several_inputs_have_folders_of_their_own(dataset, detected, out, tmp_pa
     bag = tmp_path / "drive.bag"
     write_stereo_bag(bag, frames(n=2), format="rosbag1")
     assert detect([dataset, bag], out) == 0
-    assert sorted(path.name for path in out.iterdir()) == ["dataset", "drive"]
+    assert sorted(path.name for path in out.iterdir()) == [MARK_FILE, "dataset", "drive"]
     assert contents(out / "dataset") == contents(detected)
     assert [row["name"] for row in rows(out / "drive")] == NAMES[:2]
     assert capsys.readouterr().out == f"{N_FRAMES} frames: {out / 'dataset'}\n2 frames: {out / 'drive'}\n"
@@ -338,6 +345,7 @@ def test_inputs_of_one_name_are_told_apart_by_what_is_around_them(tmp_path):
     assert output_names([tmp_path / "a/bag", tmp_path / "b/bag"]) == ["a_bag", "b_bag"]
     assert output_names([tmp_path / "a", tmp_path / "b"]) == ["a", "b"]
     assert output_names([tmp_path / "a"]) == [""]
+    assert output_names([tmp_path / "a/b_c", tmp_path / "a_b/c", tmp_path / "z/c"]) == ["b_c_1", "c_2", "c_3"]
     with pytest.raises(ValueError, match="given twice"):
         output_names([tmp_path / "a", tmp_path / "a"])
 
@@ -642,12 +650,18 @@ def test_output_folder_that_exists_is_refused(dataset, out, capsys):
     out.mkdir()
     (out / "mine").touch()
     assert detect(dataset, out) == 1
-    assert "exists and is not an empty folder; choose another or give --overwrite" in failure(capsys)
+    assert "exists and is not an empty folder; choose another\n" in failure(capsys)
+    assert detect(dataset, out, "--overwrite") == 1
+    assert "holds what lrtrav did not make (.lrtrav is not in it), and is not replaced; choose another" in failure(
+        capsys
+    )
     assert [path.name for path in out.iterdir()] == ["mine"]
 
 
-def test_overwrite_replaces_the_output_folder(dataset, detected, out):
-    out.mkdir()
+def test_overwrite_replaces_the_output_folder(dataset, detected, out, capsys):
+    assert detect(dataset, out) == 0
+    assert detect(dataset, out) == 1
+    assert "exists and is not an empty folder; choose another or give --overwrite" in failure(capsys)
     (out / "old").touch()
     assert detect(dataset, out, "--overwrite") == 0
     assert contents(out) == contents(detected)
@@ -656,23 +670,25 @@ def test_overwrite_replaces_the_output_folder(dataset, detected, out):
 
 def test_overwrite_leaves_the_old_results_where_nothing_could_be_used(out, tmp_path, capsys):
     out.mkdir()
-    (out / "old").touch()
+    for name in (MARK_FILE, "old"):
+        (out / name).touch()
     path = write_dataset(tmp_path / "input", frames(), fx=0)
     assert detect(path, out, "--overwrite") == 1
-    assert [file.name for file in out.iterdir()] == ["old"]
+    assert sorted(file.name for file in out.iterdir()) == [MARK_FILE, "old"]
 
 
 @pytest.mark.parametrize("jobs", ["1", "2"])
 def test_interrupted_run_leaves_the_old_results(dataset, out, monkeypatch, jobs):
     out.mkdir()
-    (out / "old").touch()
+    for name in (MARK_FILE, "old"):
+        (out / name).touch()
 
     def interrupted(self, result):
         raise KeyboardInterrupt
 
     monkeypatch.setattr("lrtrav_ros.io.result_folder.ResultFolder.write", interrupted)
     assert detect(dataset, out, "--overwrite", "--jobs", jobs) == 130
-    assert [path.name for path in out.iterdir()] == ["old"]
+    assert sorted(path.name for path in out.iterdir()) == [MARK_FILE, "old"]
     assert [path.name for path in out.parent.iterdir()] == ["out"]
 
 
@@ -684,9 +700,66 @@ def test_inputs_are_never_overwritten(broken, capsys, output):
     assert sorted(broken.rglob("*")) == before
 
 
+@pytest.mark.parametrize("output", ["left", "gt", "left/found", "found/../right"])
+def test_folders_of_an_input_are_not_written_to(broken, capsys, output):
+    before = sorted(broken.rglob("*"))
+    for options in ((), ("--overwrite",)):
+        assert detect(broken, broken / output, *options) == 1
+        assert f"is, or is in, a folder of the input {broken}; choose another folder" in failure(capsys)
+    assert sorted(broken.rglob("*")) == before
+
+
 def test_output_may_lie_in_the_input(broken):
     assert detect(broken, broken / "found") == 0
     assert len(rows(broken / "found")) == N_FRAMES
+
+
+# Where nobody reads what is printed
+
+
+class Broken(io.TextIOWrapper):
+    """A standard output or error whose reader has gone, or whose disk is full."""
+
+    def write(self, text):
+        raise BrokenPipeError(errno.EPIPE, "Broken pipe")
+
+
+@pytest.mark.parametrize("options", [(), ("--overwrite",)])
+@pytest.mark.parametrize("stream", ["stdout", "stderr"])
+@pytest.mark.parametrize("is_damaged", [False, True])
+def test_result_is_whole_though_nothing_can_be_printed(
+    broken, detected, out, capsys, monkeypatch, options, stream, is_damaged
+):
+    if options:
+        assert detect(broken, out) == 0
+        (out / "old").touch()
+        capsys.readouterr()
+    path = broken
+    if is_damaged:
+        path = [broken, broken.parent / "none.bag"]
+        path[1].write_bytes(b"no bag")
+    with monkeypatch.context() as patch:
+        patch.setattr(sys, stream, Broken(io.BytesIO()))
+        assert detect(path, out, *options) == int(is_damaged)
+    printed = capsys.readouterr()
+    if stream == "stdout":
+        assert printed.err.startswith("standard output: Broken pipe; the results are written\n")
+    else:
+        assert printed.out == f"{N_FRAMES} frames: {out / 'broken' if is_damaged else out}\n"
+    assert contents(out / "broken" if is_damaged else out) == contents(detected)
+    assert not (out / "old").exists()
+    assert [item.name for item in out.parent.glob("*out*")] == ["out"]
+
+
+@pytest.mark.parametrize("unbuffered", ["", "1"])
+def test_process_ends_with_the_status_of_the_run_though_standard_output_is_full(dataset, out, unbuffered):
+    command = [sys.executable, "-m", "lrtrav_ros", "detect", str(dataset), "--output", str(out), *FAST]
+    environment = {**os.environ, "PYTHONUNBUFFERED": unbuffered}
+    with Path("/dev/full").open("w", encoding="utf-8") as full:
+        done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, env=environment, text=True, check=False)
+    assert done.returncode == 0
+    assert done.stderr == "standard output: No space left on device; the results are written\n"
+    assert len(rows(out)) == N_FRAMES
 
 
 # As a process

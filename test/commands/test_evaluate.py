@@ -505,14 +505,19 @@ def test_study_prints_the_comparison(broken, tmp_path, capsys):
         (["DATASET", "--output", "OUT", "--field", "layout=diagonal"], 2, "layout is 'diagonal'"),
         (["DATASET", "--output", "OUT", "--set", "clustering.n=3"], 2, "clustering.n"),
         (["DATASET", "--output", "OUT", "--set", "clustering.k=-1"], 2, "clustering.k is -1"),
-        (["DATASET", "--output", "DATASET"], 1, "exists and is no evaluation"),
+        (["DATASET", "--output", "DATASET"], 1, "holds the input"),
+        (["DATASET", "--output", "DATASET/gt"], 1, "is, or is in, a folder of the input"),
+        (["DATASET", "--output", "DATASET/left/out"], 1, "is, or is in, a folder of the input"),
+        (["DATASET", "--output", "MINE"], 1, "exists and is no evaluation"),
         (["OUT", "--output", "OUT"], 1, "there is no such folder"),
         (["--inspect", "OUT"], 1, "No such file"),
     ],
 )
 def test_wrong_use_is_one_line(dataset, tmp_path, capsys, arguments, status, message):
-    places = {"DATASET": str(dataset), "OUT": str(tmp_path / "out")}
-    assert run("evaluate", [places.get(argument, argument) for argument in arguments]) == status
+    (tmp_path / "mine" / "diary").mkdir(parents=True)
+    places = {"DATASET": str(dataset), "OUT": str(tmp_path / "out"), "MINE": str(tmp_path / "mine")}
+    named = [argument.partition("/") for argument in arguments]
+    assert run("evaluate", [places.get(place, place) + slash + rest for place, slash, rest in named]) == status
     lines = capsys.readouterr().err.splitlines()
     assert len(lines) == 1
     assert message in lines[0]

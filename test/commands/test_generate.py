@@ -3,6 +3,7 @@
 import argparse
 import json
 import signal
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -109,6 +110,14 @@ def test_interrupted_command_leaves_nothing_temporary_and_resumes(
     found, expected = contents(folder), contents(whole)
     assert found.keys() == expected.keys()
     assert [name for name in found if found[name] != expected[name]] == []
+
+
+def test_frames_are_written_though_that_cannot_be_printed(tmp_path, capsys, monkeypatch):
+    with Path("/dev/full").open("w", encoding="utf-8") as full, monkeypatch.context() as patch:
+        patch.setattr("sys.stdout", full)
+        assert run("generate", [str(tmp_path / "scene"), *TINY]) == 0
+    assert capsys.readouterr().err == "standard output: No space left on device; the results are written\n"
+    assert len(DatasetFolder(tmp_path / "scene")) == 3
 
 
 def test_second_command_into_a_folder_is_refused(tmp_path, capsys):

@@ -379,7 +379,7 @@ def test_nothing_unfinished_or_temporary_stays(number, status, bag, tmp_path, mo
     except SystemExit as err:
         ended = err.code
     assert ended == status
-    assert {".tmp", "bag.mcap"} <= set(before)
+    assert {".tmp", "0.mcap"} <= set(before)
     assert path.read_bytes() == b"old"
     assert {item.name for item in tmp_path.iterdir()} == {"temporary", "out.mcap", "bag.mcap.zstd", "out"}
     assert list(temporary.iterdir()) == []

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import errno
+import os
 import resource
-from collections.abc import Iterator
+import socket
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -60,6 +62,20 @@ def test_place_that_cannot_be_written_to_is_found_before(tmp_path: Path) -> None
         check_writable(path)
     with pytest.raises(OSError, match=r"/proc/figures\.json"):
         check_writable(Path("/proc/figures.json"))
+
+
+@pytest.mark.parametrize("act", [check_writable, lambda path: write_bytes(path, b"figures")])
+def test_device_pipe_or_socket_is_never_replaced(tmp_path: Path, act: Callable[[Path], None]) -> None:
+    pipe, link, listening = tmp_path / "pipe", tmp_path / "null", tmp_path / "socket"
+    os.mkfifo(pipe)
+    link.symlink_to("/dev/null")
+    with socket.socket(socket.AF_UNIX) as server:
+        server.bind(str(listening))
+        kinds = {path: path.lstat().st_mode for path in (pipe, link, listening)}
+        for path in kinds:
+            with pytest.raises(OSError, match=rf"{path}: is a device, pipe or socket, .*; give the name of a file"):
+                act(path)
+    assert {path: path.lstat().st_mode for path in tmp_path.iterdir()} == kinds
 
 
 def test_leftovers_alone_are_removed(tmp_path: Path) -> None:

@@ -239,3 +239,14 @@ def test_compressed_recordings_of_ros1_are_read(compression, tmp_path):
             ("/right/camera_info", START_NS),
         ]
         assert reader.problems == []
+
+
+@pytest.mark.parametrize("names", [("drive_1.0.zst", "drive_1.1.zst"), ("a.mcap.zst", "a.mcap.zstd"), ("x" * 251,) * 2])
+def test_compressed_files_of_any_names_are_told_apart(names, tmp_path, temporary):
+    frames = make_frames(4)
+    path = tmp_path / "bag"
+    path.mkdir()
+    for i, name in enumerate(dict.fromkeys(names)):
+        part = storage_file(compressed_bag(tmp_path / f"part{i}", frames[2 * i : 2 * i + 2], "mcap", "NONE"))
+        (path / f"{name.removesuffix('.zst')}.zst").write_bytes(zstd.compress(part.read_bytes()))
+    assert_holds(path, frames[: 2 * len(set(names))], temporary)

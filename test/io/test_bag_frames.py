@@ -185,6 +185,20 @@ def test_one_late_image_keeps_no_other_from_pairing(recorder):
     assert [(frame.stamp_ns - START_NS) // 10**8 for frame in frames] == [0, 1, -5]
 
 
+def test_reasons_why_no_images_pair_are_told(recorder):
+    recorder.infos()
+    for side in ("left", "right"):
+        images = recorder.bag.add_connection(f"/{side}/image_rect", "sensor_msgs/msg/Image", typestore=recorder.store)
+        for i in range(3):
+            recorder.bag.write(images, START_NS + i, b"\0\1\0\0\7")
+    recorder.close()
+    message = (
+        r"bag: no images pair; .*message on /left/image_rect at \d+ ns skipped .cannot be read.* \(and 2 more like it\)"
+    )
+    with StereoBag(recorder.path) as bag, pytest.raises(ValueError, match=message):
+        list(bag.frames())
+
+
 def test_stamps_that_never_pair_are_an_error(recorder):
     recorder.infos()
     for i in range(40):

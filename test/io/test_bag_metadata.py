@@ -41,6 +41,9 @@ def test_files_are_known_by_their_names_alone(file):
         WHOLE.replace("7", ".nan").encode(),
         WHOLE.replace("7", ".inf").encode(),
         WHOLE.replace("7", "x").encode(),
+        WHOLE.replace("7", "0x" + "f" * 5000).encode(),
+        WHOLE.replace("7", "1" + ":1" * 1_000_000).encode(),
+        WHOLE.replace("/left", "[/left]").encode(),
         WHOLE.replace("../../etc/a.mcap", "5").encode(),
         b"a: 2001-02-30\n" + WHOLE.encode(),
         b"? [a]\n: 1\n",
@@ -61,6 +64,13 @@ def test_doubling_aliases_take_no_time(file):
     with pytest.raises(ValueError, match="2002:merge"):
         read_metadata(file)
     assert time.process_time() - start < 2
+
+
+def test_topic_named_by_lists_that_alias_each_other_takes_no_memory(file):
+    lists = "\n".join(["a0: &a0 [x, x]", *(f"a{i + 1}: &a{i + 1} [*a{i}, *a{i}]" for i in range(60))])
+    file.write_text(f"{lists}\n{WHOLE.replace('/left', '*a60')}")
+    with pytest.raises(ValueError, match="a topic's name is no text"):
+        read_metadata(file)
 
 
 def test_only_small_regular_files_are_read(file, monkeypatch):

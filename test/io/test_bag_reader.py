@@ -1,7 +1,11 @@
 """Messages of bags of either ROS."""
 
+import resource
+from pathlib import Path
+
 import numpy as np
-from recorder import CAMERA, HEIGHT, ROS2, START_NS, WIDTH, random_image
+import pytest
+from recorder import CAMERA, HEIGHT, ROS2, START_NS, WIDTH, Recorder, random_image, storage_file
 from rosbags import rosbag1
 
 from lrtrav_ros.io.bag_reader import BagReader
@@ -43,3 +47,46 @@ def test_types_of_ones_own_are_converted(tmp_path):
     assert message.data[4:20] == b"\1\0\0\0\2\0\0\0\4\0\0\0abc\0"
     assert message.data[20] == 5
     assert message.data[28:36] == np.float64(2.5).tobytes()
+
+
+def test_error_at_the_end_of_opening_closes_the_files(tmp_path, monkeypatch):
+    recorder = Recorder(tmp_path / "bag")
+    recorder.infos()
+    recorder.close()
+
+    def failing(self, metadata):
+        raise ValueError("contradiction")
+
+    monkeypatch.setattr(BagReader, "_compare_counts", failing)
+    n_open = len(list(Path("/dev/fd").iterdir()))
+    with pytest.raises(ValueError, match="contradiction") as raised:
+        BagReader(recorder.path)
+    assert len(list(Path("/dev/fd").iterdir())) == n_open
+    assert raised.traceback  # which refers to the reader: it was closed, and not only forgotten
+
+
+def test_recording_of_more_files_than_may_be_open_raises_the_limit(tmp_path):
+    recorder = Recorder(tmp_path / "one")
+    recorder.infos()
+    recorder.close()
+    bag = tmp_path / "bag"
+    bag.mkdir()
+    for i in range(60):
+        (bag / f"{i}.mcap").write_bytes(storage_file(recorder.path).read_bytes())
+    before = resource.getrlimit(resource.RLIMIT_NOFILE)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (len(list(Path("/dev/fd").iterdir())) + 30, before[1]))
+    try:
+        with BagReader(bag) as reader:
+            assert reader.problems == []
+            assert len(list(reader.messages())) == 120
+    finally:
+        resource.setrlimit(resource.RLIMIT_NOFILE, before)
+
+
+def test_recording_of_more_files_than_can_be_allowed_is_refused(tmp_path, monkeypatch):
+    recorder = Recorder(tmp_path / "bag")
+    recorder.infos()
+    recorder.close()
+    monkeypatch.setattr("resource.getrlimit", lambda _: (3, 4))
+    with pytest.raises(OSError, match=r"it has 1 files, and this process may open 4; allow \d+, as with `ulimit"):
+        BagReader(recorder.path)

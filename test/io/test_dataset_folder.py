@@ -163,9 +163,11 @@ def test_sizes_must_agree(folder):
         ({"cy": "11"}, "cy is '11'; give a finite number"),
         ({"width": 37.5}, "width is 37.5; give a whole number of pixels"),
         ({"height": -1}, "height is -1; give a whole number of pixels"),
-        ({"depth_scale": 0}, "depth_scale is 0; give a positive number"),
+        ({"depth_scale": 0}, "depth_scale is 0; give 1 to 1000000, such as 1000 for millimetres"),
+        ({"depth_scale": 1e-50}, "depth_scale is 1e-50; give 1 to 1000000"),
+        ({"depth_scale": 1e300}, r"depth_scale is 1e\+300; give 1 to 1000000"),
         ({"fx": 10**400}, "fx is inf; give a finite number"),
-        ({"depth_scale": 10**400}, "depth_scale is inf; give a positive number"),
+        ({"depth_scale": 10**400}, "depth_scale is inf; give 1 to 1000000"),
     ],
 )
 def test_calibrations_that_cannot_be_are_refused(folder, values, message):

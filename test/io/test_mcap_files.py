@@ -1,7 +1,10 @@
 """MCAP files with checksums, as ROS 2's recorder writes them."""
 
+import bz2
+import random
 import struct
 
+import lz4.frame
 import pytest
 from mcap_recorder import MAGIC, record, text, write_mcap
 
@@ -38,6 +41,23 @@ def test_messages_of_chunks_that_overlap_come_in_order_of_time(tmp_path):
     path = tmp_path / "bag.mcap"
     mixed = [*MESSAGES[::2], *MESSAGES[1::2]]
     write_mcap(path, TOPICS, mixed, per_chunk=5)
+    assert contents(path) == (MESSAGES, [])
+
+
+def test_chunks_that_overlap_too_much_are_read_in_the_order_of_the_file(tmp_path, monkeypatch):
+    path = tmp_path / "bag.mcap"
+    mixed = [*MESSAGES[::2], *MESSAGES[1::2]]
+    write_mcap(path, TOPICS, mixed, per_chunk=5)
+    monkeypatch.setattr(mcap_files, "_MAX_HELD_BYTES", 1000)  # of ten messages
+    assert contents(path) == (MESSAGES, [])
+    monkeypatch.setattr(mcap_files, "_MAX_HELD_BYTES", 999)
+    messages, problems = contents(path)
+    assert messages == mixed
+    assert problems == [
+        f"{path}: damaged (more than 999 bytes of its chunks overlap in time; they stay unsorted); read as far as it "
+        "is intact"
+    ]
+    write_mcap(path, TOPICS, MESSAGES, per_chunk=5)
     assert contents(path) == (MESSAGES, [])
 
 
@@ -167,3 +187,25 @@ def test_chunks_in_chunks_are_refused(tmp_path):
 def test_damaged_compression_is_an_error_of_one_kind(compression):
     with pytest.raises(ValueError, match="cannot be decompressed"):
         bag_records.unpacked(b"\xff" * 100, compression)
+
+
+PACKERS = {"bz2": bz2.compress, "lz4": lz4.frame.compress, "zstd": zstd.compress}
+
+
+@pytest.mark.parametrize("compression", PACKERS)
+def test_frames_one_after_another_are_unpacked(compression):
+    parts = [b"", b"abc", random.Random(0).randbytes(100_000), bytes(1_000_000), b"d"]
+    packed = b"".join(map(PACKERS[compression], parts))
+    data = b"".join(parts)
+    assert bag_records.unpacked(packed, compression, max_bytes=len(data)) == data
+    assert data.startswith(bag_records.unpacked(packed[:-5], compression))
+    with pytest.raises(ValueError, match=f"more than {len(data) - 1} bytes when decompressed"):
+        bag_records.unpacked(packed, compression, max_bytes=len(data) - 1)
+
+
+@pytest.mark.parametrize("compression", PACKERS)
+def test_frames_are_bounded(compression):
+    frame = PACKERS[compression](b"a")
+    assert bag_records.unpacked(frame * 64, compression) == b"a" * 64
+    with pytest.raises(ValueError, match="consists of more than 64 frames"):
+        bag_records.unpacked(frame * 100_000, compression)

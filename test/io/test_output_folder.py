@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from lrtrav_ros.io.atomic_files import write_bytes
-from lrtrav_ros.io.output_folder import output_folder
+from lrtrav_ros.io.output_folder import MARK_FILE, output_folder
 from lrtrav_ros.io.run_journal import JOURNAL_FILE, JournalPart, RunJournal
 
 IDENTITY = {"the command": "detect", "clustering.k": "10"}
@@ -49,7 +49,14 @@ def finished(path: Path, *, part: str = "", **options: bool) -> list[str]:
 
 
 def listed(path: Path) -> list[str]:
-    return sorted(str(file.relative_to(path)) for file in path.rglob("*") if file.is_file())
+    return sorted(str(file.relative_to(path)) for file in path.rglob("*") if file.is_file() and file.name != MARK_FILE)
+
+
+def old_result(path: Path, name: str = "old") -> None:
+    """Make a folder that a run has finished."""
+    path.mkdir()
+    (path / name).touch()
+    (path / MARK_FILE).touch()
 
 
 @pytest.mark.parametrize("exists", [False, True])
@@ -65,6 +72,9 @@ def test_new_or_empty_folder_is_written_to_as_it_is(tmp_path: Path, exists: bool
 
 def test_folder_that_holds_something_is_refused(tmp_path: Path) -> None:
     (tmp_path / "a").touch()
+    with pytest.raises(FileExistsError, match=r"exists and is not an empty folder; choose another$"):
+        output_folder(tmp_path, IDENTITY).__enter__()
+    (tmp_path / MARK_FILE).touch()
     with pytest.raises(FileExistsError, match="exists and is not an empty folder; choose another or give --overwrite"):
         output_folder(tmp_path, IDENTITY).__enter__()
     with pytest.raises(FileExistsError, match=r"choose another$"):
@@ -79,10 +89,56 @@ def test_file_is_never_replaced(tmp_path: Path) -> None:
         output_folder(path, IDENTITY, overwrite=True).__enter__()
 
 
+def test_folder_that_was_not_made_here_is_never_replaced(tmp_path: Path) -> None:
+    path = tmp_path / "home"
+    path.mkdir()
+    (path / "diary.txt").touch()
+    with output_folder(path / "results" / "a", IDENTITY) as journal:  # what it holds may be
+        write(journal.part(), "0", FILES)
+    before = listed(tmp_path)
+    for folder in (path, path / "results"):
+        with pytest.raises(
+            FileExistsError, match=r"holds what lrtrav did not make \(\.lrtrav is not in it\), and is not"
+        ):
+            output_folder(folder, IDENTITY, overwrite=True).__enter__()
+    assert listed(tmp_path) == before
+    assert finished(path / "results" / "a", overwrite=True) == []
+
+
+def test_what_cannot_be_overwritten_is_not_marked(tmp_path: Path) -> None:
+    assert finished(tmp_path / "out", can_overwrite=False) == []
+    assert not (tmp_path / "out" / MARK_FILE).exists()
+    with pytest.raises(FileExistsError, match="holds what lrtrav did not make"):
+        output_folder(tmp_path / "out", IDENTITY, overwrite=True).__enter__()
+
+
+@pytest.mark.parametrize("inside", ["", "sub", "sub/sub"])
+def test_working_directory_is_not_replaced(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, inside: str) -> None:
+    path = tmp_path / "out"
+    old_result(path)
+    (path / inside).mkdir(parents=True, exist_ok=True)
+    monkeypatch.chdir(path / inside)
+    for name in (path, Path("../" * len(Path(inside).parts) or ".")):
+        with pytest.raises(
+            FileExistsError, match="out is the working directory or holds it, and is not replaced; choose"
+        ):
+            output_folder(name, IDENTITY, overwrite=True).__enter__()
+    assert listed(tmp_path) == ["out/old"]
+
+
+def test_mount_point_is_refused_before_the_work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "out"
+    old_result(path)
+    monkeypatch.setattr(Path, "is_mount", lambda self: self == path)
+    with pytest.raises(FileExistsError, match="out is a mount point, which cannot be replaced; choose a folder in it"):
+        output_folder(path, IDENTITY, overwrite=True).__enter__()
+    assert listed(tmp_path) == ["out/old"]
+    assert finished(path / "new") == []
+
+
 def test_old_folder_is_replaced_when_the_new_one_is_finished(tmp_path: Path) -> None:
     path = tmp_path / "out"
-    path.mkdir()
-    (path / "old").touch()
+    old_result(path)
     with output_folder(path, IDENTITY, overwrite=True) as journal:
         write(journal.part(), "0", FILES)
         assert (path / "old").exists()
@@ -92,8 +148,7 @@ def test_old_folder_is_replaced_when_the_new_one_is_finished(tmp_path: Path) -> 
 @pytest.mark.parametrize("error", [KeyboardInterrupt, ValueError])
 def test_old_folder_stays_when_the_run_is_interrupted(tmp_path: Path, error: type[BaseException]) -> None:
     path = tmp_path / "out"
-    path.mkdir()
-    (path / "old").touch()
+    old_result(path)
     context = output_folder(path, IDENTITY, overwrite=True)
     write(context.__enter__().part(), "0", FILES)
     context.__exit__(error, error(), None)
@@ -103,8 +158,7 @@ def test_old_folder_stays_when_the_run_is_interrupted(tmp_path: Path, error: typ
 
 def test_link_to_a_folder_stays_a_link(tmp_path: Path) -> None:
     target, link = tmp_path / "target", tmp_path / "link"
-    target.mkdir()
-    (target / "old").touch()
+    old_result(target)
     link.symlink_to(target)
     with output_folder(link, IDENTITY, overwrite=True) as journal:
         write(journal.part(), "0", FILES)
@@ -128,8 +182,7 @@ def test_second_run_is_refused_at_once(tmp_path: Path, overwrite: bool) -> None:
 def test_interrupted_run_is_resumed(tmp_path: Path, overwrite: bool) -> None:
     path = tmp_path / "out"
     if overwrite:
-        path.mkdir()
-        (path / "old").touch()
+        old_result(path)
     interrupted(path, part="road", overwrite=overwrite)
     assert (tmp_path / (".out.new" if overwrite else "out") / JOURNAL_FILE).exists()
     assert finished(path, part="road", overwrite=overwrite) == ["0", "1"]
@@ -189,8 +242,7 @@ def test_run_that_ends_before_a_frame_is_finished_leaves_nothing(tmp_path: Path)
 
 def test_result_is_put_back_where_a_run_was_killed_while_it_replaced_it(tmp_path: Path) -> None:
     path = tmp_path / "out"
-    path.mkdir()
-    (path / "result").touch()
+    old_result(path, "result")
     interrupted(path, overwrite=True)
     path.rename(tmp_path / ".out.old")
     with pytest.raises(FileExistsError):

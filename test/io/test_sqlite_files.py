@@ -2,6 +2,8 @@
 
 import shutil
 import sqlite3
+import time
+from contextlib import closing
 
 import pytest
 from recorder import Recorder, random_image, record_pairs, storage_file
@@ -124,3 +126,48 @@ def test_of_a_large_file_that_is_cut_off_half_is_read(tmp_path):
     assert sum(any(data.endswith(image) for image in images) for _, _, data in messages[2:]) == len(messages) - 2
     assert 250 < len(messages) < 310
     assert "damaged" in problems[0]
+
+
+def write_ahead(tmp_path, *, checkpoint=True):
+    """Return a database as a recorder leaves it that was killed: the second message is in its log alone."""
+    connection = sqlite3.connect(tmp_path / "recording.db3", isolation_level=None)
+    connection.execute("PRAGMA journal_mode=WAL")
+    connection.executescript(f"{TOPICS} {MESSAGES} INSERT INTO messages VALUES(1, 1, 6, x'00');")
+    if checkpoint:
+        connection.execute("PRAGMA wal_checkpoint(TRUNCATE)")
+    connection.execute("INSERT INTO messages VALUES(2, 1, 7, x'01')")
+    path = tmp_path / "killed" / "my drive.db3"
+    path.parent.mkdir()
+    for suffix in ("", "-wal"):
+        shutil.copy(tmp_path / f"recording.db3{suffix}", f"{path}{suffix}")
+    connection.close()
+    return path
+
+
+@pytest.mark.parametrize("checkpoint", [True, False])
+def test_messages_in_the_log_of_a_recorder_that_did_not_end_are_told(checkpoint, tmp_path):
+    path = write_ahead(tmp_path, checkpoint=checkpoint)
+    for bag in (path, path.parent):
+        messages, problems = contents(bag)
+        assert messages == ([("/a", 6, b"\0")] if checkpoint else [])
+        assert problems[0] == (
+            f"{path}: its recorder did not end: messages in {path}-wal are not read; move them into the database "
+            f"first, by sqlite3 '{path}' 'PRAGMA wal_checkpoint'"
+        )
+    with closing(sqlite3.connect(path)) as database:
+        database.execute("PRAGMA wal_checkpoint")
+    assert contents(path) == ([("/a", 6, b"\0"), ("/a", 7, b"\1")], [])
+
+
+def test_an_empty_log_is_none(tmp_path):
+    path = database(tmp_path, f"{TOPICS} {MESSAGES}")
+    path.with_name(f"{path.name}-wal").touch()
+    assert contents(path) == ([], [])
+
+
+def test_nested_text_of_qualities_of_service_takes_no_time(tmp_path):
+    deep = "[" * 60_000
+    path = database(tmp_path, f"{TOPICS} {MESSAGES} UPDATE topics SET offered_qos_profiles = '{deep}';")
+    start = time.process_time()
+    assert contents(path)[1] == [f"{path}: /a: its quality of service cannot be read (ValueError)"]
+    assert time.process_time() - start < 2

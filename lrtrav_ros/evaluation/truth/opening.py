@@ -13,6 +13,7 @@ from lrtrav_ros.evaluation.truth.kitti_road import KittiRoad
 from lrtrav_ros.evaluation.truth.labelled_sets import LabelledSet
 from lrtrav_ros.evaluation.truth.labels import Labels
 from lrtrav_ros.evaluation.truth.mat_files import LAGR_LABELS, MatFields, MatFolder
+from lrtrav_ros.io.recording import distinct_names
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,11 +101,8 @@ def _open_by_layout(path: Path, options: ReaderOptions) -> LabelledSet:
 
 
 def _names(paths: Sequence[Path]) -> list[str]:
-    """Return a name for each path: its last part, with the parts before it where that is not enough."""
+    """Return a name for each path; raises ValueError where one is named twice."""
     parts = [Path(os.path.normpath(path.absolute())).parts[1:] for path in paths]
     if len(set(parts)) < len(parts):
         raise ValueError("a dataset is named twice; name each once")
-    n_parts = 1
-    while len({item[-n_parts:] for item in parts}) < len(parts):
-        n_parts += 1
-    return ["_".join(item[-n_parts:]) for item in parts]
+    return distinct_names(parts)

@@ -25,3 +25,16 @@ def test_what_is_no_set_is_refused(tmp_path):
     (tmp_path / "empty").mkdir()
     with pytest.raises(ValueError, match="holds no ground truth"):
         open_set(tmp_path / "empty", ReaderOptions())
+
+
+@pytest.mark.parametrize(
+    ("paths", "names"),
+    [
+        (["a/b", "c/d"], ["b", "d"]),
+        (["a/d", "c/d"], ["a_d", "c_d"]),
+        (["p/a/b_c", "p/a_b/c", "r/zz/c"], ["b_c_1", "c_2", "c_3"]),
+    ],
+)
+def test_sets_have_different_names(tmp_path, paths, names):
+    paths = [write_dataset(tmp_path / path, frames(n=1), truth=True) for path in paths]
+    assert [item.name for item in open_sets(paths, ReaderOptions())] == names
