@@ -7,7 +7,7 @@ import enum
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import partial
 from typing import ParamSpec, TypeVar
 
 import cv2
@@ -18,7 +18,7 @@ from lrtrav_ros.camera import StereoCamera
 from lrtrav_ros.config import Config, GroundConfig
 from lrtrav_ros.frame import Frame, Image, as_8bit
 from lrtrav_ros.method.clustering import spectral_clusters, spread_clusters
-from lrtrav_ros.method.comparison import feature_distances
+from lrtrav_ros.method.comparison import feature_distances, landmarks
 from lrtrav_ros.method.extension import extend
 from lrtrav_ros.method.features import Features, pixel_bins, superpixel_features
 from lrtrav_ros.method.ground import UNKNOWN, ShortRange, detect_ground, traversable_mask
@@ -100,10 +100,14 @@ class LongRange:
     find_clusters: Callable[[], NDArray[np.int32]]
     confidence: NDArray[np.uint8] | None = None
 
-    @cached_property
+    @property
     def superpixel_clusters(self) -> NDArray[np.int32]:
         """The cluster of each superpixel, int32 (n,)."""
-        return self.find_clusters()
+        # Before Python 3.12, functools.cached_property has a lock, which is never free in a child forked meanwhile.
+        if "_clusters" not in self.__dict__:
+            self.__dict__["_clusters"] = self.find_clusters()
+        clusters: NDArray[np.int32] = self.__dict__["_clusters"]
+        return clusters
 
     @property
     def mask(self) -> NDArray[np.uint8]:
@@ -188,9 +192,17 @@ class ShortRangeDetector:
         Used in place of the one that `config` names, to share one among detectors.
     team : ThreadTeam, optional
         Threads to share the work; one of its own, as large as `config` says, where none is given.
+
+    Raises
+    ------
+    TypeError
+        If an argument is something else.
     """
 
     def __init__(self, config: Config, *, matcher: Matcher | None = None, team: ThreadTeam | None = None) -> None:
+        check_type("config", config, Config)
+        check_type("matcher", matcher, Matcher, may_be_none=True)
+        check_type("team", team, ThreadTeam, may_be_none=True)
         self.config = config
         self._team = team or _new_team(config)
         self._matcher = matcher or create_matcher(config.stereo, config.elas, team=self._team)
@@ -270,7 +282,7 @@ def within_reach(disparity: NDArray[np.float32], camera: StereoCamera, limit_m: 
     """
     check_array("disparity", disparity, np.float32, ("H", "W"))
     check_type("camera", camera, StereoCamera)
-    check_number("limit_m", limit_m)
+    limit_m = check_number("limit_m", limit_m)
     if limit_m < 0:
         raise ValueError(f"limit_m is {limit_m}; give 0 or more")
     if not limit_m:
@@ -312,9 +324,17 @@ class LongRangeDetector:
         given.
     team : ThreadTeam, optional
         Threads to share the work; one of its own, as large as `config` says, where none is given.
+
+    Raises
+    ------
+    TypeError
+        If an argument is something else.
     """
 
     def __init__(self, config: Config, *, memory: Memory | None = None, team: ThreadTeam | None = None) -> None:
+        check_type("config", config, Config)
+        check_type("memory", memory, Memory, may_be_none=True)
+        check_type("team", team, ThreadTeam, may_be_none=True)
         self.config = config
         self.memory = Memory(config.memory) if memory is None else memory  # an empty one has length 0
         self._team = team or _new_team(config)
@@ -412,6 +432,7 @@ class LongRangeDetector:
             If the occupancy is not such an array, or not of the image's size.
         """
         check_type("appearance", appearance, Appearance)
+        check_type("appearance.features", appearance.features, Features)
         run, config, superpixels = run or StageRunner(), self.config, appearance.superpixels
         check_array("superpixels", superpixels, np.int32, ("H", "W"))
         check_array("occupancy", occupancy, np.uint8, superpixels.shape)
@@ -419,7 +440,7 @@ class LongRangeDetector:
             return self._propagate(occupancy, appearance.graph, stamp_ns, run)
         clusters = _find_clusters(appearance.features, config, run)
         extended = run(Stage.EXTENSION, extend, occupancy, superpixels, clusters, config.extension)
-        return LongRange(extended, superpixels, lambda: clusters)
+        return LongRange(extended, superpixels, partial(np.asarray, clusters))
 
     def _propagate(
         self, occupancy: NDArray[np.uint8], graph: SuperpixelGraph, stamp_ns: int | None, run: StageRunner
@@ -443,8 +464,8 @@ class LongRangeDetector:
 
 def _find_clusters(features: Features, config: Config, run: StageRunner) -> NDArray[np.int32]:
     """Return the cluster of each superpixel."""
-    landmarks = features.landmarks
-    some = features if len(landmarks) == len(features) else features.chosen(landmarks)
+    chosen = landmarks(features, config.features)
+    some = features if len(chosen) == len(features) else features.chosen(chosen)
     distances = run(Stage.FEATURES, feature_distances, some, config.features)
     clusters = run(Stage.CLUSTERING, spectral_clusters, distances, config.clustering)
     return run(Stage.CLUSTERING, spread_clusters, clusters, features, config.features)
@@ -465,6 +486,11 @@ class Detector:
     matcher : Matcher, optional
         Used in place of the one that `config` names, to share one among detectors.
 
+    Raises
+    ------
+    TypeError
+        If an argument is something else.
+
     Examples
     --------
     >>> detector = Detector(Config.preset("robust"), StereoCamera(fx=721.5, cx=609.6, cy=172.9, baseline_m=0.53))
@@ -474,6 +500,9 @@ class Detector:
     """
 
     def __init__(self, config: Config, camera: StereoCamera | None = None, *, matcher: Matcher | None = None) -> None:
+        check_type("config", config, Config)
+        check_type("camera", camera, StereoCamera, may_be_none=True)
+        check_type("matcher", matcher, Matcher, may_be_none=True)
         self.config = config
         self.camera = camera
         self._team = _new_team(config)

@@ -439,6 +439,7 @@ def _calls_of_looks() -> Iterator[PublicCall]:
         lambda features, which: features.chosen(which),
     )
     yield case(comparison, "weighted_sum", lambda h, w: {"colour": distances(w), "texture": distances(w)})
+    yield case(comparison, "landmarks", lambda h, w: {"features": some_features(w), "config": config.FeaturesConfig()})
     for name in comparison.DISTANCES:
         settings = config.FeaturesConfig(distance=name)
         yield case(

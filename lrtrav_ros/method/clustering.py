@@ -18,7 +18,7 @@ from scipy.linalg import eigh
 from scipy.spatial.distance import cdist
 
 from lrtrav_ros.config import ClusteringConfig, FeaturesConfig
-from lrtrav_ros.method.comparison import compare
+from lrtrav_ros.method.comparison import compare, landmarks
 from lrtrav_ros.method.features import Features
 from lrtrav_ros.numerics.blas import one_blas_thread
 from lrtrav_ros.numerics.checks import check_array, check_distances, check_finite, check_type
@@ -71,7 +71,7 @@ def spread_clusters(
     Parameters
     ----------
     clusters : (m,) ndarray of int32
-        The cluster of each landmark, `Features.landmarks`.
+        The cluster of each of the `landmarks`.
     features : Features
         Of n superpixels.
     config : FeaturesConfig, optional
@@ -88,7 +88,7 @@ def spread_clusters(
         If the features are none, or `clusters` has not a number for each landmark.
     """
     check_type("features", features, Features)
-    check_array("clusters", clusters, np.int32, (len(features.landmarks),))
+    check_array("clusters", clusters, np.int32, (len(landmarks(features, config)),))
     if len(clusters) == len(features):
         return clusters
     return clusters[np.argmin(compare(features, config).with_landmarks(), axis=1)]

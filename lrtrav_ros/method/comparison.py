@@ -22,6 +22,12 @@ from lrtrav_ros.numerics.blas import one_blas_thread
 from lrtrav_ros.numerics.checks import check_array, check_distances, check_labels, check_type
 from lrtrav_ros.numerics.thread_team import ALONE, ThreadTeam
 
+MAX_LANDMARKS = 640
+"""Superpixels that all are compared with, at most: time and memory grow with n times this, not with n squared."""
+
+MAX_PAIRS = 250_000
+"""Pairs of superpixels and landmarks, where the distance is another one than correlation, which is far quicker."""
+
 _MAX_SHARE = 1 + 1e-3  # of a histogram in one bin: its sum is not exact
 _MAX_DISTANCE = 1e100  # products of sums of these are numbers still
 _SPARSE = 0.8  # share of bins in use, below which it is worth the time to leave the others out
@@ -246,12 +252,39 @@ DISTANCES: dict[str, Callable[[NDArray[np.float64]], NDArray[np.float64]]] = {
 """Distances between histograms, by the names that the setting ``features.distance`` has for them."""
 
 
+def landmarks(features: Features, config: FeaturesConfig | None = None) -> NDArray[np.intp]:
+    """Return the numbers of the superpixels that all are compared with: all of them, or some evenly spread over them.
+
+    Parameters
+    ----------
+    features : Features
+        Of n superpixels.
+    config : FeaturesConfig, optional
+        The distance between histograms, by which there are `MAX_LANDMARKS` or what `MAX_PAIRS` allows.
+
+    Returns
+    -------
+    (m,) ndarray of intp
+        In rising order.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If the histograms are none.
+    """
+    config = _checked_config(features, config)
+    check_array("colour", features.colour, (np.float32, np.float64), ("n", "bins"), may_be_empty=True)
+    n = len(features)
+    most = MAX_LANDMARKS if config.distance == "correlation" else min(MAX_LANDMARKS, max(MAX_PAIRS // max(n, 1), 1))
+    return np.arange(n) if n <= most else np.linspace(0, n - 1, most).astype(np.intp)
+
+
 @runtime_checkable
 class Comparison(Protocol):
     """Compares the n superpixels of an image by colour and texture, each weighted as suits the image."""
 
     landmarks: NDArray[np.intp]
-    """`Features.landmarks`, (m,)."""
+    """Numbers of those that all are compared with, (m,)."""
 
     def with_landmarks(self, team: ThreadTeam = ALONE) -> NDArray[np.float32]:
         """Return the distance of each superpixel to each landmark, (n, m), 0 to itself."""
@@ -275,7 +308,7 @@ class Comparison(Protocol):
 def compare(features: Features, config: FeaturesConfig | None = None) -> Comparison:
     """Return what compares superpixels; its distances are those of `feature_distances`, but for rounding.
 
-    With more than `MAX_LANDMARKS` superpixels, the weights of the cues are those of the landmarks.
+    Where not all superpixels are `landmarks`, the weights of the cues are those of the landmarks.
 
     Parameters
     ----------
@@ -426,7 +459,7 @@ class _Correlation:
     def __init__(self, features: Features, config: FeaturesConfig) -> None:
         colour, texture = _Standard.of(features.colour), _Standard.of(features.texture)
         self._features = features
-        self.landmarks = features.landmarks
+        self.landmarks = landmarks(features, config)
         means = (cue.chosen(self.landmarks).mean_distance for cue in (colour, texture))
         self._weights = _Weights.of(config.cues, *means)
         self._rows = _SparseRows(colour, texture, self._weights)
@@ -456,7 +489,7 @@ class _RowByRow:
     """Compares by any distance but correlation."""
 
     def __init__(self, features: Features, config: FeaturesConfig) -> None:
-        self.landmarks = features.landmarks
+        self.landmarks = landmarks(features, config)
         self._features = features
         self._distance = ROW_DISTANCES[config.distance]
         some, pairs = features.chosen(self.landmarks), max(len(self.landmarks) * (len(self.landmarks) - 1), 1)

@@ -26,9 +26,6 @@ from lrtrav_ros.numerics.thread_team import ALONE, ThreadTeam
 HSV_BINS = (kernels.HUES, kernels.SATURATIONS, kernels.VALUES)
 """Bins of the colour histogram along hue, saturation and value."""
 
-MAX_LANDMARKS = 640
-"""Superpixels that all are compared with, at most: time and memory grow with n times this, not with n squared."""
-
 _N_COLOURS = math.prod(HSV_BINS)
 _MOST_TEXTURE_BINS = 2**15
 _DARK = 4.0  # grey levels: in the dark, the ratios of colours are noise
@@ -54,13 +51,6 @@ class Features:
 
     def __len__(self) -> int:
         return len(self.colour)
-
-    @property
-    def landmarks(self) -> NDArray[np.intp]:
-        """Numbers of those that all are compared with: all, or `MAX_LANDMARKS` that are evenly spread over them."""
-        check_array("colour", self.colour, (np.float32, np.float64), ("n", "bins"), may_be_empty=True)
-        n = len(self)
-        return np.arange(n) if n <= MAX_LANDMARKS else np.linspace(0, n - 1, MAX_LANDMARKS).astype(np.intp)
 
     def chosen(self, which: NDArray[np.intp]) -> Features:
         """Return the features of superpixels given by their numbers, (m,) ndarray of intp.
@@ -159,28 +149,29 @@ def superpixel_features(
     """
     n = _count_superpixels(image, superpixels)
     image, superpixels = np.ascontiguousarray(image), np.ascontiguousarray(superpixels)
-    bins = bins or pixel_bins(image, config, team=team)
-    _check_bins(bins, image.shape[:2])
+    bins = pixel_bins(image, config, team=team) if bins is None else bins
+    n_bins = _check_bins(bins, image.shape[:2])
     with team.start(_log_chromaticity, image, superpixels, n) as chromaticity:
         colours = np.zeros((n, _N_COLOURS), np.uint32)
-        textures = np.zeros((len(bins.textures), n, bins.n_texture_bins), np.uint32)
+        textures = np.zeros((len(bins.textures), n, n_bins), np.uint32)
         kernels.count_both(bins.colour, bins.textures[0], superpixels, colours, textures[0])
         for texture, counts in zip(bins.textures[1:], textures[1:], strict=True):
             kernels.count_bins(texture, superpixels, counts)
         return Features(_with_unit_sum(colours), _joined_textures(textures), chromaticity.result())
 
 
-def _check_bins(bins: PixelBins, shape: tuple[int, ...]) -> None:
-    """Check the bins of an image of some size."""
+def _check_bins(bins: PixelBins, shape: tuple[int, ...]) -> int:
+    """Check the bins of an image of some size, and return how many there are of each texture."""
     check_type("bins", bins, PixelBins)
-    check_count("bins.n_texture_bins", bins.n_texture_bins, most=_MOST_TEXTURE_BINS)
+    n_bins = check_count("bins.n_texture_bins", bins.n_texture_bins, most=_MOST_TEXTURE_BINS)
     if not isinstance(bins.textures, tuple) or not bins.textures:
         raise TypeError(f"bins.textures is of type {type(bins.textures).__name__}; give a tuple of one array or more")
     check_array("bins.colour", bins.colour, np.uint16, shape)
     check_labels("bins.colour", bins.colour, _N_COLOURS)
     for texture in bins.textures:
         check_array("bins.textures", texture, np.uint8, shape)
-        check_labels("bins.textures", texture, bins.n_texture_bins)
+        check_labels("bins.textures", texture, n_bins)
+    return n_bins
 
 
 def colour_histograms(image: NDArray[np.uint8], superpixels: NDArray[np.int32]) -> NDArray[np.float32]:

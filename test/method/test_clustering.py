@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from lrtrav_ros.config import ClusteringConfig
-from lrtrav_ros.method import features as features_module
+from lrtrav_ros.method import comparison
 from lrtrav_ros.method.clustering import affinity, automatic_k, spectral_clusters, spread_clusters
 from lrtrav_ros.method.features import Features
 
@@ -67,8 +67,8 @@ def test_superpixels_are_of_the_cluster_of_the_landmark_that_looks_most_like_the
     features = Features(histograms / histograms.sum(axis=1, keepdims=True), histograms / 2, np.zeros((10, 2)))
     of_all = kind.astype(np.int32)
     assert spread_clusters(of_all, features) is of_all
-    monkeypatch.setattr(features_module, "MAX_LANDMARKS", 4)
-    assert features.landmarks.tolist() == [0, 3, 6, 9]
+    monkeypatch.setattr(comparison, "MAX_LANDMARKS", 4)
+    assert comparison.landmarks(features).tolist() == [0, 3, 6, 9]
     found = spread_clusters(np.array([5, 7, 5, 7], np.int32), features)
     assert found.tolist() == [5, 5, 7, 7, 5, 7, 5, 5, 7, 7]
     with pytest.raises(ValueError, match=r"clusters is int32 \(10,\); give int32 \(4,\)"):

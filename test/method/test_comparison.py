@@ -9,8 +9,17 @@ import pytest
 from sample_images import quadrants
 
 from lrtrav_ros.config import FeaturesConfig
-from lrtrav_ros.method import features as features_module
-from lrtrav_ros.method.comparison import DISTANCES, compare, feature_distances, histogram_distances, weighted_sum
+from lrtrav_ros.method import comparison as comparison_module
+from lrtrav_ros.method.comparison import (
+    DISTANCES,
+    MAX_LANDMARKS,
+    MAX_PAIRS,
+    compare,
+    feature_distances,
+    histogram_distances,
+    landmarks,
+    weighted_sum,
+)
 from lrtrav_ros.method.features import Features, superpixel_features
 
 
@@ -80,8 +89,8 @@ def test_comparison_has_the_distances_of_the_matrix(
     image = rng.integers(0, 256, (30, 44, 3), np.uint8) // rng.integers(1, 9, (30, 44, 1), np.uint8)
     labels = np.arange(11, dtype=np.int32).repeat(4)[None].repeat(30, axis=0)
     features, config = superpixel_features(image, labels), FeaturesConfig(cues=cues, distance=distance)
-    monkeypatch.setattr(features_module, "MAX_LANDMARKS", bound)
-    comparison, marks = compare(features, config), features.landmarks
+    monkeypatch.setattr(comparison_module, "MAX_LANDMARKS", bound)
+    comparison, marks = compare(features, config), landmarks(features, config)
     expected = feature_distances(features.chosen(marks), config)
     found = comparison.with_landmarks()
     assert (found.dtype, found.shape) == (np.float32, (11, len(marks)))
@@ -91,6 +100,16 @@ def test_comparison_has_the_distances_of_the_matrix(
     np.testing.assert_allclose(comparison.with_others(features.chosen(marks)), found, atol=2e-4)
     first, second = np.divmod(np.arange(11 * len(marks)), len(marks))
     np.testing.assert_allclose(comparison.of_pairs(first, marks[second]), found.ravel(), atol=2e-4)
+
+
+@pytest.mark.parametrize("distance", DISTANCES)
+@pytest.mark.parametrize("n", [0, 1, 500, 640, 1537, 20_000, 300_000])
+def test_what_is_compared_is_bounded_by_what_is_found(distance: str, n: int) -> None:
+    """An image may have several times as many superpixels as were asked for."""
+    histograms = np.ones((n, 1), np.float32)
+    found = landmarks(Features(histograms, histograms, np.zeros((n, 2))), FeaturesConfig(distance=distance))
+    assert len(found) == min(n, MAX_LANDMARKS if distance == "correlation" else max(MAX_PAIRS // max(n, 1), 1))
+    assert found.tolist() == sorted(set(found.tolist()) & set(range(n)))
 
 
 def test_comparison_of_superpixels_without_colour_or_pixels() -> None:

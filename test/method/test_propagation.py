@@ -10,8 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from lrtrav_ros.config import FeaturesConfig
-from lrtrav_ros.method import features as features_module
-from lrtrav_ros.method import propagation
+from lrtrav_ros.method import comparison, propagation
 from lrtrav_ros.method.features import Features, superpixel_features
 from lrtrav_ros.method.ground import GROUND, OBSTACLE, UNKNOWN
 from lrtrav_ros.method.propagation import (
@@ -450,7 +449,7 @@ def noisy_scene(
 def test_result_does_not_depend_on_the_number_of_threads(bound: int) -> None:
     image, superpixels, known = noisy_scene(12, 16)
     found = []
-    with patch.object(features_module, "MAX_LANDMARKS", bound):
+    with patch.object(comparison, "MAX_LANDMARKS", bound):
         for team in (ALONE, ThreadTeam(2), ThreadTeam(3)):
             features = superpixel_features(image, superpixels, team=team)
             graph = superpixel_graph(superpixels, features, team=team)
@@ -466,7 +465,7 @@ def test_few_landmarks_find_what_all_superpixels_find() -> None:
     image, superpixels, known = noisy_scene(12, 16, noise=4)
     features = superpixel_features(image, superpixels)
     everything = propagate(known, superpixel_graph(superpixels, features))
-    with patch.object(features_module, "MAX_LANDMARKS", 40):
+    with patch.object(comparison, "MAX_LANDMARKS", 40):
         graph = superpixel_graph(superpixels, features)
     assert graph.votes.shape == (192, 40)
     found = propagate(known, graph)
