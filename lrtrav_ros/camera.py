@@ -70,6 +70,7 @@ class StereoCamera:
                 raise ValueError(f"{name} is {value!r}; give a positive number, at least {_LEAST:g}")
             if name != "baseline_m" and abs(value) > _MAX_PX:
                 raise ValueError(f"{name} is {value!r}; give pixels, at most {_MAX_PX:g} of them")
+            object.__setattr__(self, name, float(value))
         if self.baseline_m > _MAX_BASELINE_M:
             raise ValueError(f"baseline_m is {self.baseline_m!r}; give metres, at most {_MAX_BASELINE_M:g} of them")
         if (self.width is None) != (self.height is None):

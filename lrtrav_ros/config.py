@@ -745,6 +745,11 @@ class MapsConfig(CheckedConfig):
 class Config(CheckedConfig):
     """The whole configuration: one part per stage, and what concerns them all.
 
+    Raises
+    ------
+    TypeError, ValueError
+        If a part is not that of its stage, or a value does not fit.
+
     Examples
     --------
     >>> Config.preset("paper").extension.rule
@@ -774,6 +779,10 @@ class Config(CheckedConfig):
 
     def __post_init__(self) -> None:
         CheckedConfig.__post_init__(self)
+        for name, kind in _parts().items():
+            part = getattr(self, name)
+            if not isinstance(part, kind):
+                raise TypeError(f"{name} is of type {type(part).__name__}; give {kind.__name__}")
         n, distance = self.superpixels.n_superpixels, self.features.distance
         if distance != "correlation" and n > _MAX_COMPARED:
             raise ValueError(
@@ -859,10 +868,16 @@ _PAPER: dict[str, Value] = {
 }
 
 
+@cache
+def _parts() -> dict[str, type[CheckedConfig]]:
+    """Return the configuration of each stage."""
+    parts = {item.name: item.default_factory for item in dataclasses.fields(Config) if not item.metadata}
+    return cast("dict[str, type[CheckedConfig]]", parts)
+
+
 def _stages() -> dict[str, type[CheckedConfig]]:
     """Return the configuration of each stage; that of `Config` itself under an empty name."""
-    parts = {item.name: item.default_factory for item in dataclasses.fields(Config) if not item.metadata}
-    return {"": Config, **cast("dict[str, type[CheckedConfig]]", parts)}
+    return {"": Config, **_parts()}
 
 
 @cache

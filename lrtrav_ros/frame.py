@@ -71,7 +71,7 @@ class Frame:
             raise ValueError(f"a frame has {n_sources} of them; give exactly one of right image, disparity and depth")
         check_type("camera", self.camera, StereoCamera)
         if self.stamp_ns is not None:
-            check_stamp(self.stamp_ns)
+            object.__setattr__(self, "stamp_ns", check_stamp(self.stamp_ns))
         if self.left is not None:
             check_array("left image", self.left, _IMAGE_TYPES, ("H", "W"), ("H", "W", 3))
             self.camera.check_size(self.left.shape)

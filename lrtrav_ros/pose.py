@@ -9,8 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from lrtrav_ros.numerics.checks import check_array, check_finite, check_rotation
+from lrtrav_ros.numerics.checks import check_array, check_finite, check_rotation, check_type, is_rotation
 
+_QUATERNION = "quaternion (x y z w)"
 _MAX_NORM_ERROR = 0.01
 """A quaternion that was rounded to three digits still counts as a rotation."""
 
@@ -47,15 +48,16 @@ class Pose:
         Raises
         ------
         ValueError
-            If a number is not finite, or the quaternion is not of length 1, to within a hundredth.
+            If there are more or fewer numbers, one is not finite, or the quaternion is not of length 1, to within a
+            hundredth.
         """
-        q = np.asarray(quaternion, np.float64)
-        norm = float(np.linalg.norm(q))
+        translation, q = _numbers("translation (x y z)", translation_m, 3), _numbers(_QUATERNION, quaternion, 4)
+        norm = float(np.linalg.norm(q.clip(-2, 2)))  # squares of what is much larger may be infinite
         if not abs(norm - 1) <= _MAX_NORM_ERROR:
-            raise ValueError(f"quaternion (x y z w) {q.tolist()} has length {norm:.3g}; give one of length 1")
+            raise ValueError(f"{_QUATERNION} {q.tolist()} has length {norm:.3g}; give one of length 1")
         (x, y, z), w = q[:3] / norm, q[3] / norm
         cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-        return cls(np.eye(3) + 2 * w * cross + 2 * cross @ cross, np.array(translation_m, np.float64))
+        return cls(np.eye(3) + 2 * w * cross + 2 * cross @ cross, translation)
 
     @classmethod
     def parsed(cls, text: str) -> Pose:
@@ -86,7 +88,28 @@ class Pose:
 
     def __matmul__(self, inner: Pose) -> Pose:
         """Return the pose in this one's target of a frame whose pose in this frame is `inner`."""
-        return Pose(self.rotation @ inner.rotation, self.rotation @ inner.translation_m + self.translation_m)
+        check_type("inner", inner, Pose)
+        shift = self.rotation @ inner.translation_m + self.translation_m
+        return Pose(_nearest_rotation(self.rotation @ inner.rotation), shift)
+
+
+def _numbers(name: str, values: Sequence[float], n: int) -> NDArray[np.float64]:
+    """Return as many numbers as there have to be; raises ValueError where they are not."""
+    try:
+        numbers = np.array(values, np.float64)
+    except (TypeError, ValueError, OverflowError) as err:
+        raise ValueError(f"{name} is {values!r}; give {n} numbers") from err
+    if numbers.shape != (n,):
+        raise ValueError(f"{name} is {values!r}; give {n} numbers")
+    return numbers
+
+
+def _nearest_rotation(product: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return a product of rotations, or the rotation nearest to it where the errors of both add up to too much."""
+    if is_rotation(product):
+        return product
+    left, _, right = np.linalg.svd(product)
+    return left @ right
 
 
 def _quaternion(roll: float, pitch: float, yaw: float) -> tuple[float, float, float, float]:

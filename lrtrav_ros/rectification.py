@@ -77,9 +77,13 @@ class Lens:
     distortion: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
-        StereoCamera(
+        if self.fy is None:  # which a camera would take
+            raise ValueError("fy is None; give a finite number")
+        camera = StereoCamera(
             fx=self.fx, fy=self.fy, cx=self.cx, cy=self.cy, baseline_m=1.0, width=self.width, height=self.height
         )
+        for name in ("fx", "fy", "cx", "cy"):
+            object.__setattr__(self, name, getattr(camera, name))
         if self.width is None or max(self.width, self.height) > _MAX_SIZE_PX:
             raise ValueError(f"images of {self.width} x {self.height} pixels; give a size up to {_MAX_SIZE_PX} pixels")
         check_type("distortion_model", self.distortion_model, str)

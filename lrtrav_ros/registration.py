@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from lrtrav_ros._registration_kernels import draw_nearest, project
 from lrtrav_ros.camera import StereoCamera
-from lrtrav_ros.numerics.checks import check_array
+from lrtrav_ros.numerics.checks import check_array, check_type
 from lrtrav_ros.pose import Pose
 
 _MAX_PROJECTION = 1e9
@@ -32,11 +32,15 @@ class DepthRegistration:
 
     Raises
     ------
-    ValueError
-        If the left camera's calibration does not tell the images' size, or focal length or distance are absurd.
+    TypeError, ValueError
+        If an argument is something else, the left camera's calibration does not tell the images' size, or focal length
+        or distance are absurd.
     """
 
     def __init__(self, depth_camera: StereoCamera, left_camera: StereoCamera, pose: Pose) -> None:
+        check_type("depth_camera", depth_camera, StereoCamera)
+        check_type("left_camera", left_camera, StereoCamera)
+        check_type("pose", pose, Pose)
         if left_camera.width is None or left_camera.height is None:
             raise ValueError("the left camera's calibration tells no size; give width and height, to register depth to")
         self._depth_camera = depth_camera

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 NO_ARRAYS = (None, 3, "text", [[1, 2], [3, 4]], b"12", {"a": 1}, object())
 STRANGE_TYPES = ("O", "M8[s]", "m8[s]", "U1", "S1", "c8", "c16", "g", "e", ">u2", ">i4", ">f4", ">f8", "i4,f4", "V3")
 TYPES = ("?", *"bBhHiIlLfd", *STRANGE_TYPES)
+KINDS_OF_NUMBERS = (*(np.dtype(name).type for name in ("b", "B", "h", "H", "q", "Q", "e", "f", "d", "g")),)
 NEVER_ARRAYS = (
     *(value for value in NO_ARRAYS if value != 3),
     *map(np.dtype, ("O", "M8[s]", "U1", "c8", "i4,f4", "V3")),
@@ -21,7 +22,8 @@ SHAPES = ((), (0,), (1,), (7,), (0, 0), (0, 20), (12, 0), (1, 1), (1, 9), (9, 1)
 NUMBERS = (
     *(None, True, "3", b"3", [1], object(), 1j, 0, 1, -1, 2, 3, 255, 2**15, 2**31 - 1, 2**31, -(2**31), 2**62, 2**64),
     *(10**400, 0.5, -0.5, 1e-300, 1e300, -1e300, float("nan"), float("inf"), -float("inf"), np.float32(2), np.int64(2)),
-    *(np.array(2), np.array([1, 2]), np.nan),
+    *(np.array(2), np.array([1, 2]), np.nan, np.int8(1), np.int16(-3), np.uint64(2**64 - 1)),
+    *(np.float16(0.5), np.longdouble("1e4000"), np.bool_(True), np.timedelta64(5, "s")),
 )
 WORDS = (None, 3, "", "no such word", b"rgb8", ["mono8"], "mono16", "32FC1", "nv12", "wld", object())
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import pickle
 import threading
 
 import numpy as np
@@ -12,7 +13,7 @@ from recorded import CAMERA, HEIGHT, WIDTH
 
 from lrtrav_ros import Config, Detector
 from lrtrav_ros.camera import StereoCamera
-from lrtrav_ros.detector import LongRangeDetector, ShortRangeDetector, Stage, StageRunner
+from lrtrav_ros.detector import LongRangeDetector, ShortRangeDetector, Stage, StageRunner, within_reach
 from lrtrav_ros.evaluation.scoring.scores import score
 from lrtrav_ros.frame import Frame
 from lrtrav_ros.method.ground import detect_ground
@@ -427,3 +428,28 @@ def test_wall_in_front_of_the_camera_is_no_ground(detector):
     result = detector.detect(left, disparity=disparity)
     assert not result.short_range.mask.any()
     assert not result.long_range.mask.any()
+
+
+@pytest.mark.parametrize("rule", ["propagation", "area", "evidence"])
+def test_a_detection_can_be_pickled(detector, item, rule):
+    found = Detector(detector.config.updated({"extension.rule": rule}), CAMERA).detect_frame(item.frame)
+    assert same(pickle.loads(pickle.dumps(found)), found)
+    found.clusters  # noqa: B018 - found once, and then kept
+    assert same(pickle.loads(pickle.dumps(found)), found)
+
+
+@pytest.mark.parametrize("rule", ["propagation", "evidence"])
+def test_times_of_numpy_are_as_good_as_those_of_python(item, rule):
+    detector = LongRangeDetector(Config().updated({**SETTINGS, "memory.frames": 2, "extension.rule": rule}))
+    occupancy = np.zeros(item.frame.shape, np.uint8)
+    for stamp_ns in (np.int8(1), 2**62, np.int8(-1)):
+        detector.detect(item.frame.image, occupancy, stamp_ns=stamp_ns)
+
+
+def test_a_limit_of_numpy_is_as_good_as_one_of_python():
+    disparity = np.full((3, 4), 2.0, np.float32)
+    camera = StereoCamera(fx=20000.0, cx=2.0, cy=1.0, baseline_m=10.0)  # the product is no float16
+    for limit_m in (np.float16(1e5 / 2**16), np.int8(100), np.longdouble(100)):
+        np.testing.assert_array_equal(
+            within_reach(disparity, camera, limit_m), within_reach(disparity, camera, float(limit_m))
+        )

@@ -50,3 +50,37 @@ def test_what_is_no_rotation_is_refused():
             Pose(rotation, np.zeros(3))
     with pytest.raises(ValueError, match="translation is float64"):
         Pose(np.eye(3), np.zeros(2))
+
+
+@pytest.mark.parametrize(
+    ("translation", "quaternion", "message"),
+    [
+        ((0, 0, 0), (1, 0, 0), r"quaternion \(x y z w\) is \(1, 0, 0\); give 4 numbers"),
+        ((0, 0, 0), (0, 0, 0, 1, 0), r"quaternion .* is \(0, 0, 0, 1, 0\); give 4 numbers"),
+        ((0, 0, 0), np.array([[0.0, 0.0, 0.0, 1.0]]), "give 4 numbers"),
+        ((0, 0, 0), ("x", 0, 0, 1), "give 4 numbers"),
+        ((0, 0, 0), None, "quaternion .* is None; give 4 numbers"),
+        ((0, 0), (0, 0, 0, 1), r"translation \(x y z\) is \(0, 0\); give 3 numbers"),
+        ((0, 0, 10**400), (0, 0, 0, 1), "give 3 numbers"),
+        ((0, 0, 0), (1e200, 0, 0, 1), "give one of length 1"),
+    ],
+)
+def test_quaternions_and_translations_have_their_numbers(translation, quaternion, message):
+    with pytest.raises(ValueError, match=message):
+        Pose.of_quaternion(translation, quaternion)
+
+
+def test_poses_that_are_taken_may_be_composed_and_inverted_however_often():
+    rotation = np.eye(3)
+    rotation[0, 0] += 5e-6
+    pose = Pose(rotation, np.array([1.0, 0.0, 0.0]))
+    composed = pose
+    for _ in range(100):
+        composed = composed @ pose.inverse().inverse()
+    np.testing.assert_allclose(composed.rotation, np.eye(3), atol=1.1e-5)
+    np.testing.assert_allclose(composed.translation_m, [101, 0, 0], rtol=1e-3)
+
+
+def test_usual_poses_are_composed_to_the_bit():
+    inner, outer = Pose.parsed("1 2 3 0.1 0.2 0.3"), Pose.parsed("-1 0.5 0 -0.4 0 1.2")
+    np.testing.assert_array_equal((outer @ inner).rotation, outer.rotation @ inner.rotation)

@@ -6,6 +6,7 @@ of good arguments does not matter to the method is tested in `method/test_argume
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 import inspect
 import random
@@ -13,10 +14,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hostile_arguments import NEVER_ARRAYS, in_place_of, read_only
+from hostile_arguments import KINDS_OF_NUMBERS, NEVER_ARRAYS, in_place_of, read_only
 from public_calls import ELSEWHERE, PublicCall, names_that_take_arrays, public_calls
 
 CALLS = public_calls()
+NOT_COMPARED = {"times", "find_clusters", "comparison"}
 MOST_RECORDS = 40  # of the records that differ in one field, in place of each argument that is one
 
 
@@ -62,6 +64,32 @@ def test_what_is_never_an_array_of_numbers_is_refused(call: PublicCall) -> None:
                 value = np.zeros(good.shape, value) if isinstance(value, np.dtype) else value
                 if not (value is None and name in may_be_none(call)):
                     assert call.answer({**arguments, name: value}) is not None, (name, value)
+
+
+@pytest.mark.parametrize("call", CALLS, ids=str)
+def test_numbers_of_numpy_are_as_good_as_those_of_python(call: PublicCall) -> None:
+    expected: Any = None
+    for name, number in call.make(12, 20).items():
+        if type(number) not in (int, float):
+            continue
+        expected = plain(call.function(**call.make(12, 20))) if expected is None else expected
+        for kind in KINDS_OF_NUMBERS:
+            same = kind(number) if isinstance(number, int) or issubclass(kind, np.floating) else kind()
+            if float(same) == number and call.answer({**call.make(12, 20), name: same}) is None:
+                assert plain(call.function(**{**call.make(12, 20), name: same})) == expected, (name, same)
+
+
+def plain(result: Any) -> Any:
+    """Return what can be compared with ``==``: the numbers in arrays and records, without the time that took."""
+    if isinstance(result, np.ndarray):
+        return result.dtype.str, result.shape, result.tobytes()
+    if isinstance(result, (tuple, list)):
+        return [plain(item) for item in result]
+    if dataclasses.is_dataclass(result):
+        return [
+            plain(getattr(result, item.name)) for item in dataclasses.fields(result) if item.name not in NOT_COMPARED
+        ]
+    return repr(result)
 
 
 @functools.cache

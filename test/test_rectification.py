@@ -174,6 +174,7 @@ def test_a_rectification_is_made_once_for_each_calibration():
         ({"distortion": (0.1, "x", 0, 0)}, "'x'.*give finite numbers"),
         ({"fx": 0.0}, "fx is 0.0; give a positive number"),
         ({"cy": float("inf")}, "cy is inf; give a finite number"),
+        ({"fy": None}, "fy is None; give a finite number"),
         ({"width": 0}, "width is 0; give a whole number of pixels"),
         ({"width": None, "height": None}, "images of None x None pixels; give a size"),
         ({"width": 40_000}, "images of 40000 x 200 pixels; give a size up to 32767"),

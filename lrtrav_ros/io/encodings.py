@@ -126,8 +126,9 @@ def decode_image(
     pixel = _ENCODINGS.get(encoding) if isinstance(encoding, str) else None
     if pixel is None:
         raise ValueError(f"image encoding is {encoding!r}; give one of {', '.join(ENCODINGS)}")
-    for name, size in (("height", height), ("width", width), ("step", step)):
-        check_count(f"image {name}", size, least=-(2**31))
+    height = check_count("image height", height, least=-(2**31))
+    width = check_count("image width", width, least=-(2**31))
+    step = check_count("image step", step, least=-(2**31))
     dtype = np.dtype(f"{'>' if is_bigendian else '<'}{pixel.dtype}")
     row_bytes, n_rows = width * pixel.channels * dtype.itemsize, pixel.n_rows(height)
     buffer = _flat(data)

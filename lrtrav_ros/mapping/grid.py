@@ -79,11 +79,15 @@ class Grid:
 
     def __post_init__(self) -> None:
         check_array("cells", self.cells, np.int8, ("n_y", "n_x"))
-        check_number("resolution_m", self.resolution_m, above=1 / _MOST_CELLS, most=_MOST_CELLS)
+        resolution_m = check_number("resolution_m", self.resolution_m, above=1 / _MOST_CELLS, most=_MOST_CELLS)
         if not isinstance(self.origin_m, tuple) or len(self.origin_m) != 2:
             raise TypeError(f"origin_m is {self.origin_m!r}; give a tuple of x and y")
-        for name, value in zip(("x", "y"), self.origin_m, strict=True):
+        x, y = (
             check_number(f"{name} of the origin", value, most=_FARTHEST_M)
+            for name, value in zip(("x", "y"), self.origin_m, strict=True)
+        )
+        object.__setattr__(self, "resolution_m", resolution_m)
+        object.__setattr__(self, "origin_m", (x, y))
 
     @property
     def image(self) -> NDArray[np.uint8]:
@@ -113,8 +117,9 @@ class Grid:
         ValueError
             If a number is not finite.
         """
-        for name, value in (("x_m", x_m), ("y_m", y_m), ("yaw_rad", yaw_rad)):
-            check_number(name, value, most=_FARTHEST_M)
+        x_m = check_number("x_m", x_m, most=_FARTHEST_M)
+        y_m = check_number("y_m", y_m, most=_FARTHEST_M)
+        yaw_rad = check_number("yaw_rad", yaw_rad, most=_FARTHEST_M)
         cos, sin, size = math.cos(yaw_rad), math.sin(yaw_rad), self.resolution_m
         n_y, n_x = self.cells.shape
         corners = np.array(self.origin_m) + size * np.array([(0, 0), (n_x, 0), (0, n_y), (n_x, n_y)])

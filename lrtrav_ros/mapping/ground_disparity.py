@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lrtrav_ros.frame import valid_disparity
-from lrtrav_ros.method.ground import MOST_COEFFICIENT, GroundLine
+from lrtrav_ros.method.ground import LEAST_SLOPE, MOST_COEFFICIENT, GroundLine
 
 _N_SAMPLES = 40  # rows and columns of pixels that are looked at
 
@@ -40,6 +40,6 @@ def ground_line_of(disparity: NDArray[np.float32]) -> GroundLine | None:
         return None
     scale = np.abs(terms).max(axis=0)
     slope, intercept, tilt, bend = np.linalg.lstsq(terms / scale, d, rcond=None)[0] / scale
-    if not (slope > 0 and max(map(abs, (slope, intercept, tilt, bend))) <= MOST_COEFFICIENT):
+    if not (slope >= LEAST_SLOPE and max(map(abs, (slope, intercept, tilt, bend))) <= MOST_COEFFICIENT):
         return None
     return GroundLine(float(slope), float(intercept), float(tilt), float(bend))

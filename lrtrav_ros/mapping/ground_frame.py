@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 
 from lrtrav_ros.camera import StereoCamera
 from lrtrav_ros.method.ground import GroundLine
-from lrtrav_ros.numerics.checks import check_array, check_finite, check_number, check_rotation
+from lrtrav_ros.numerics.checks import check_array, check_number, check_range, check_rotation, check_type
 from lrtrav_ros.pose import Pose
 
+_LONGEST = 1e100  # of the direction up: squares stay finite, and those of its inverse above 0
 _LEAST_ACROSS = 1e-6  # of the direction up: less is lost in rounding
 
 
@@ -41,11 +42,13 @@ class GroundFrame:
 
     def __post_init__(self) -> None:
         check_rotation("rotation", self.rotation)
-        check_number("height_m", self.height_m, above=0)
+        object.__setattr__(self, "height_m", check_number("height_m", self.height_m, above=0))
 
     @classmethod
     def of(cls, line: GroundLine, camera: StereoCamera) -> GroundFrame:
-        """Return the frame of a ground line, seen by a camera."""
+        """Return the frame of a ground line, seen by a camera; raises TypeError if one is something else."""
+        check_type("line", line, GroundLine)
+        check_type("camera", camera, StereoCamera)
         # The ground's disparity fB / Z = line(u, v), times Z, is a plane in space: down . P = fB.
         at_centre = line.slope * camera.cy + line.intercept + line.tilt * camera.cx
         down = np.array([line.tilt * camera.fx, line.slope * camera.fy, at_centre])
@@ -58,7 +61,8 @@ class GroundFrame:
         Parameters
         ----------
         up : (3,) ndarray of float64
-            The direction up, of any length above 0, in the camera's optical frame; not along the camera's axis.
+            The direction up, of any length from 1e-100 to 1e100, in the camera's optical frame; not along the camera's
+            axis.
         height_m : float
             Height of the camera over the ground, in metres.
 
@@ -68,9 +72,9 @@ class GroundFrame:
             If there is no such frame.
         """
         check_array("up", up, np.float64, (3,))
-        check_finite("up", up)
+        check_range("up", up, -_LONGEST, _LONGEST)
         length = float(np.linalg.norm(up))
-        if not _LEAST_ACROSS * length < math.hypot(up[0], up[1]):
+        if length * _LONGEST < 1 or not _LEAST_ACROSS * length < math.hypot(up[0], up[1]):
             raise ValueError(f"up is {up.tolist()}; give a direction across the camera's axis, or nothing is ahead")
         up = up / length
         ahead = np.array([0.0, 0.0, 1.0]) - up[2] * up

@@ -65,7 +65,7 @@ def obstacle_points(
         If an array is not as above, or the two differ in size.
     """
     config = checked_settings(config, line, camera)
-    check_number("least_height_m", least_height_m, most=_FARTHEST_M)
+    least_height_m = check_number("least_height_m", least_height_m, most=_FARTHEST_M)
     disparity = valid_disparity(disparity)
     check_array("occupancy", occupancy, np.uint8, disparity.shape)
     if line is None:

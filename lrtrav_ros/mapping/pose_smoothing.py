@@ -44,8 +44,7 @@ class PoseSmoother:
         GroundFrame
         """
         check_type("ground", ground, GroundFrame)
-        if stamp_ns is not None:
-            check_stamp(stamp_ns)
+        stamp_ns = None if stamp_ns is None else check_stamp(stamp_ns)
         passed_s = math.inf if stamp_ns is None or self._stamp_ns is None else (stamp_ns - self._stamp_ns) / 1e9
         self._stamp_ns = stamp_ns
         if not 0 <= passed_s <= _MAX_GAP_S:

@@ -138,7 +138,7 @@ def superpixel_layout(superpixels: NDArray[np.int32], n: int) -> Layout:
         If `superpixels` is not such an array.
     """
     check_array("superpixels", superpixels, np.int32, ("H", "W"))
-    check_count("n", n, most=_MOST_SUPERPIXELS)
+    n = check_count("n", n, most=_MOST_SUPERPIXELS)
     check_labels("superpixels", superpixels, n)
     sums = np.zeros((n, 3), np.int64)
     first, second = kernels.survey(np.ascontiguousarray(superpixels), sums)
@@ -171,7 +171,7 @@ def count_evidence(
     """
     check_array("superpixels", superpixels, np.int32, ("H", "W"))
     check_array("occupancy", occupancy, np.uint8, superpixels.shape)
-    check_count("n", n, most=_MOST_SUPERPIXELS)
+    n = check_count("n", n, most=_MOST_SUPERPIXELS)
     check_labels("superpixels", superpixels, n)
     counts = np.zeros((n, 4), np.uint32)
     kernels.count_values(np.ascontiguousarray(occupancy), np.ascontiguousarray(superpixels), _COLUMNS, counts)

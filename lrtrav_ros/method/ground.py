@@ -46,7 +46,12 @@ SHAPES = {"line": 2, "plane": 3, "curved": 4}
 MOST_COEFFICIENT = 1e15
 """No slope, intercept, tilt or bend of a ground line is as large; what is computed from them stays finite."""
 
+LEAST_SLOPE = 1e-20
+"""No slope of a ground line is as small, with any camera as high as 100 m; the height that follows from it is finite,
+in single precision too."""
+
 _MAX_DISPARITIES = 1024  # what is nearer is left to the plane
+_MOST_ROWS = 2**16 - 1  # that uint16 counts
 _MOST_BINS = 2**15  # of a histogram: no disparity is valid beyond
 _SLOPE_STEP = 0.03  # relative step between the slopes of the Hough transform
 _FIT_STEP_M = 0.1  # the fit begins without tilt and bend, and has to see ground that is off by as much
@@ -85,8 +90,8 @@ class GroundLine:
 
     Raises
     ------
-    ValueError
-        If a value is not finite or absurdly large, or the slope is not above 0.
+    TypeError, ValueError
+        If a value is no number, not finite or absurdly large, or the slope is not above 0 or absurdly small.
     """
 
     slope: float
@@ -96,9 +101,13 @@ class GroundLine:
 
     def __post_init__(self) -> None:
         for name in ("slope", "intercept", "tilt", "bend"):
-            check_number(name, getattr(self, name), most=MOST_COEFFICIENT)
-        if self.slope <= 0:
-            raise ValueError(f"slope is {self.slope}; give a value above 0, for ground is nearer in lower rows")
+            value = check_number(name, getattr(self, name), most=MOST_COEFFICIENT)
+            object.__setattr__(self, name, value)
+        if self.slope < LEAST_SLOPE:
+            raise ValueError(
+                f"slope is {self.slope}; give a value above 0, at least {LEAST_SLOPE:g}, for ground is nearer in lower "
+                "rows"
+            )
 
     @property
     def coefficients(self) -> NDArray[np.float64]:
@@ -163,7 +172,7 @@ class GroundLine:
             check_array("row", row, np.float64, ("n",), ("H", "W"), may_be_empty=True)
             check_range("row", row, -MOST_COEFFICIENT, MOST_COEFFICIENT)
         else:
-            check_number("row", row, most=MOST_COEFFICIENT)
+            row = check_number("row", row, most=MOST_COEFFICIENT)
         row = np.asarray(row, np.float64)
         disparity = self._bent(self.slope * row + self.intercept + self.tilt * camera.cx)
         pitch = self.pitch_rad(camera)
@@ -277,7 +286,7 @@ def detect_ground(
     Raises
     ------
     TypeError, ValueError
-        If `disparity` is not such an array.
+        If `disparity` is not such an array, or has more than 65,535 rows.
     """
     config = _checked_config(config, camera, before)
     disparity = _checked("disparity", disparity)
@@ -320,16 +329,17 @@ def u_disparity(disparity: NDArray[np.float32], *, n_disparities: int) -> NDArra
     Raises
     ------
     TypeError, ValueError
-        If `disparity` is not such an array, or `n_disparities` is no number above 0.
+        If `disparity` is not such an array, or has more than 65,535 rows, or `n_disparities` is no number above 0.
     """
     disparity = _checked("disparity", disparity)
-    check_count("n_disparities", n_disparities, most=_MOST_BINS)
-    return _count_columns(disparity, n_disparities, ALONE)
+    return _count_columns(disparity, check_count("n_disparities", n_disparities, most=_MOST_BINS), ALONE)
 
 
 def _count_columns(disparity: NDArray[np.float32], n_disparities: int, team: ThreadTeam) -> NDArray[np.uint16]:
-    """Return the u-disparity."""
-    width = disparity.shape[1]
+    """Return the u-disparity; raises ValueError where an image has more rows than it can count."""
+    height, width = disparity.shape
+    if height > _MOST_ROWS:
+        raise ValueError(f"disparity has {height} rows; give at most {_MOST_ROWS}, as many as a u-disparity can count")
     histogram = np.empty((n_disparities, width), np.uint16)
     team.for_bands(
         lambda first, end: kernels.count_columns(disparity, first, end, histogram), width, least_rows=_LEAST_BAND
@@ -358,7 +368,7 @@ def v_disparity(disparity: NDArray[np.float32], *, n_disparities: int) -> NDArra
         If `disparity` is not such an array, or `n_disparities` is no number above 0.
     """
     disparity = _checked("disparity", disparity)
-    check_count("n_disparities", n_disparities, most=_MOST_BINS)
+    n_disparities = check_count("n_disparities", n_disparities, most=_MOST_BINS)
     return _count_rows(disparity, np.ones((n_disparities, disparity.shape[1]), np.bool_), ALONE)
 
 
@@ -401,7 +411,7 @@ def obstacle_cells(
     """
     config = _checked_config(config, camera)
     check_array("histogram", histogram, np.uint16, ("D", "W"))
-    check_count("n_rows", n_rows)
+    n_rows = check_count("n_rows", n_rows)
     rows_per_metre = camera.fy / camera.fx * np.arange(histogram.shape[0]) / camera.baseline_m
     least = np.maximum(config.obstacle_height_m * rows_per_metre, config.min_obstacle_share * n_rows)
     filled = (histogram > least[:, None]).astype(np.uint8)
@@ -495,7 +505,9 @@ def _refit(
     noise, relative = 2 * config.noise_px, max(config.max_step_m, _FIT_STEP_M) / line.camera_height_m(camera)
     found = kernels.fit(samples, _SAMPLING, fitted, SHAPES[config.shape], noise, relative, config.min_support)
     return (
-        GroundLine(*fitted.tolist()) if found and fitted[0] > 0 and np.abs(fitted).max() <= MOST_COEFFICIENT else None
+        GroundLine(*fitted.tolist())
+        if found and fitted[0] >= LEAST_SLOPE and np.abs(fitted).max() <= MOST_COEFFICIENT
+        else None
     )
 
 

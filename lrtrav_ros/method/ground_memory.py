@@ -5,6 +5,7 @@ from __future__ import annotations
 from lrtrav_ros.camera import StereoCamera
 from lrtrav_ros.config import GroundConfig
 from lrtrav_ros.method.ground import GroundLine
+from lrtrav_ros.numerics.checks import check_stamp, check_type
 
 
 class GroundMemory:
@@ -14,9 +15,15 @@ class GroundMemory:
     ----------
     config : GroundConfig
         `memory_s` says for how long; with 0 nothing is remembered.
+
+    Raises
+    ------
+    TypeError
+        If `config` is something else.
     """
 
     def __init__(self, config: GroundConfig) -> None:
+        check_type("config", config, GroundConfig)
         self._memory_ns = round(config.memory_s * 1e9)
         self._last: tuple[GroundLine, StereoCamera, int] | None = None
 
@@ -33,7 +40,13 @@ class GroundMemory:
         Returns
         -------
         GroundLine or None
+
+        Raises
+        ------
+        TypeError, ValueError
+            If the time is no whole number of 64 bits.
         """
+        stamp_ns = None if stamp_ns is None else check_stamp(stamp_ns)
         if self._last is None:
             return None
         line, of_camera, at_ns = self._last
@@ -43,6 +56,9 @@ class GroundMemory:
         return line
 
     def remember(self, line: GroundLine, camera: StereoCamera, stamp_ns: int | None) -> None:
-        """Remember a line that a frame shows; without a time, or with a memory of 0 seconds, nothing."""
+        """Remember a line that a frame shows; without a time, or with a memory of 0 seconds, nothing.
+
+        Raises TypeError or ValueError if the time is no whole number of 64 bits.
+        """
         if stamp_ns is not None and self._memory_ns:
-            self._last = (line, camera, stamp_ns)
+            self._last = (line, camera, check_stamp(stamp_ns))

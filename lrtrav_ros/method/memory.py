@@ -9,7 +9,7 @@ import numpy as np
 from lrtrav_ros.config import MemoryConfig
 from lrtrav_ros.method.features import Features, joined
 from lrtrav_ros.method.propagation import Belief, Evidence, Remembered
-from lrtrav_ros.numerics.checks import check_stamp
+from lrtrav_ros.numerics.checks import check_stamp, check_type
 
 _MAX_REMEMBERED = 120  # superpixels, whatever the number of frames: what they cost is bounded
 _SAME_PLACE_S = 0.25  # later, things are elsewhere in the image
@@ -27,6 +27,11 @@ class Memory:
     config : MemoryConfig
         For how many frames it remembers, and which gap in time makes it forget.
 
+    Raises
+    ------
+    TypeError
+        If `config` is something else.
+
     Attributes
     ----------
     belief : Belief or None
@@ -34,6 +39,7 @@ class Memory:
     """
 
     def __init__(self, config: MemoryConfig) -> None:
+        check_type("config", config, MemoryConfig)
         self.config = config
         self.belief: Belief | None = None
         self._frames: deque[tuple[Features, Evidence]] = deque(maxlen=config.frames)
@@ -53,7 +59,7 @@ class Memory:
         """Go on to the time of a frame [ns], None where it is not known; a jump in time forgets everything."""
         if stamp_ns is None:
             return
-        check_stamp(stamp_ns)
+        stamp_ns = check_stamp(stamp_ns)
         if self._stamp_ns is not None:
             passed_s = (stamp_ns - self._stamp_ns) / 1e9
             if not 0 <= passed_s <= self.config.max_gap_s:

@@ -13,13 +13,28 @@ from functools import lru_cache
 
 from threadpoolctl import ThreadpoolController
 
-_LOCK = threading.RLock()  # the limit is one of the whole process
+from lrtrav_ros.numerics.forks import renew_in_children
+
+
+class _Turn:
+    """Whose turn it is to set the limit, which is one of the whole process."""
+
+    def __init__(self) -> None:
+        self.renew()
+        renew_in_children(self)
+
+    def renew(self) -> None:
+        """Let it be nobody's turn: who has it may be a thread that a forked child does not have."""
+        self.lock = threading.RLock()
+
+
+_TURN = _Turn()
 
 
 @contextmanager
 def one_blas_thread() -> Iterator[None]:
     """Hold BLAS to one thread, in a ``with`` block or as a decorator; other threads that want to do so wait."""
-    with _LOCK, _controller().limit(limits=1, user_api="blas"):
+    with _TURN.lock, _controller().limit(limits=1, user_api="blas"):
         yield
 
 

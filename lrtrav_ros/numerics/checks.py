@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 _LARGEST = sys.float_info.max
+_STRETCH = 1e-5  # of a rotation: what is left of one that was rounded to single precision, or to six digits
 
 Shape: TypeAlias = tuple[int | str, ...]
 """Sizes of an array's axes; a name, such as ``"H"``, stands for any size, the same wherever it occurs."""
@@ -121,12 +122,20 @@ def check_rotation(name: str, matrix: NDArray[np.float64]) -> None:
     """
     check_array(name, matrix, np.float64, (3, 3))
     check_finite(name, matrix)
-    if not np.allclose(matrix @ matrix.T, np.eye(3), atol=1e-6) or np.linalg.det(matrix) < 0:
+    if not is_rotation(matrix):
         raise ValueError(f"{name} is {matrix.tolist()}; give an orthonormal matrix of determinant 1")
 
 
-def check_count(name: str, count: int, *, least: int = 1, most: int = 2**31 - 1) -> None:
-    """Check a number of things.
+def is_rotation(matrix: NDArray[np.float64]) -> bool:
+    """Return whether a matrix (3, 3) of finite numbers is a rotation, to 1e-5; then the transposed one is one too."""
+    if np.abs(matrix).max() > 2:  # products of the numbers may be infinite
+        return False
+    stretch = np.linalg.svd(matrix, compute_uv=False)
+    return bool(np.abs(stretch - 1).max() <= _STRETCH and np.linalg.det(matrix) > 0)
+
+
+def check_count(name: str, count: int, *, least: int = 1, most: int = 2**31 - 1) -> int:
+    """Check a number of things, and return it as Python's own: NumPy's overflow.
 
     Raises
     ------
@@ -135,19 +144,21 @@ def check_count(name: str, count: int, *, least: int = 1, most: int = 2**31 - 1)
     ValueError
         If it is out of range; what is made for each of the things has to fit into memory.
     """
-    if isinstance(count, bool) or not isinstance(count, (int, np.integer)):
+    if isinstance(count, (bool, np.timedelta64)) or not isinstance(count, (int, np.integer)):
         raise TypeError(f"{name} is {count!r}; give a whole number")
+    count = int(count)
     if not least <= count <= most:
         raise ValueError(f"{name} is {count}; give {least} to {most}")
+    return count
 
 
-def check_stamp(stamp_ns: int) -> None:
-    """Check a time in nanoseconds, a whole number of 64 bits; raises what `check_count` does."""
-    check_count("stamp_ns", stamp_ns, least=-(2**63), most=2**63 - 1)
+def check_stamp(stamp_ns: int) -> int:
+    """Check a time in nanoseconds, a whole number of 64 bits, as `check_count` does, and return it."""
+    return check_count("stamp_ns", stamp_ns, least=-(2**63), most=2**63 - 1)
 
 
-def check_number(name: str, number: float, *, above: float | None = None, most: float = _LARGEST) -> None:
-    """Check a finite number, such as a length.
+def check_number(name: str, number: float, *, above: float | None = None, most: float = _LARGEST) -> float:
+    """Check a finite number, such as a length, and return it as Python's own: NumPy's may be of any precision.
 
     Parameters
     ----------
@@ -167,13 +178,14 @@ def check_number(name: str, number: float, *, above: float | None = None, most: 
     ValueError
         If it is NaN or out of range.
     """
-    if isinstance(number, bool) or not isinstance(number, (int, float, np.integer, np.floating)):
+    if isinstance(number, (bool, np.timedelta64)) or not isinstance(number, (int, float, np.integer, np.floating)):
         raise TypeError(f"{name} is {number!r}; give a number")
     if isinstance(number, np.generic):
-        number = number.item()  # single precision would overflow when it is compared
+        number = float(number)  # single precision would overflow when it is compared
     if not (abs(number) <= most and (above is None or number > above)):
         bounds = ("" if above is None else f" above {above:g}") + ("" if most == _LARGEST else f", at most {most:g}")
         raise ValueError(f"{name} is {number}; give a finite number{bounds}")
+    return float(number)
 
 
 def check_type(name: str, value: object, kind: type, *, may_be_none: bool = False) -> None:

@@ -1,17 +1,22 @@
 """A team of threads that share the work of one stage, or of several at a time.
 
 Kernels run without the GIL, so that threads of one process use several processors. Whoever shares work takes part in
-it, and never waits for what no thread has begun: calls may be nested, and several threads may share a team.
+it, and never waits for what no thread has begun: calls may be nested, and several threads may share a team. A forked
+child process has teams of the same size, whose threads start anew; what was started before the fork is lost there.
 """
 
 from __future__ import annotations
 
 import itertools
+import os
 import threading
 import weakref
 from collections import deque
 from collections.abc import Callable, Iterable
 from typing import Any, Generic, ParamSpec, TypeVar
+
+from lrtrav_ros.numerics.checks import check_count
+from lrtrav_ros.numerics.forks import renew_in_children
 
 _P = ParamSpec("_P")
 _R = TypeVar("_R")
@@ -30,15 +35,13 @@ class ThreadTeam:
 
     Raises
     ------
-    ValueError
-        If `n_threads` is below 1.
+    TypeError, ValueError
+        If `n_threads` is no whole number above 0.
     """
 
     def __init__(self, n_threads: int = 1) -> None:
-        if n_threads < 1:
-            raise ValueError(f"n_threads is {n_threads}; give at least 1")
-        self.n_threads = n_threads
-        self._board = _Board(n_threads - 1)
+        self.n_threads = check_count("n_threads", n_threads)
+        self._board = _Board(self.n_threads - 1)
         weakref.finalize(self, self._board.close)
 
     def start(self, function: Callable[_P, _R], *args: _P.args, **kwargs: _P.kwargs) -> Started[_R]:
@@ -91,6 +94,7 @@ class Started(Generic[_R]):
         self._function = function
         self._error: BaseException | None = None
         self._is_done = False
+        self._process = os.getpid()
         self._value: _R
         board.post(self)
 
@@ -98,16 +102,16 @@ class Started(Generic[_R]):
         """Return what the function returns, or raise what it raises.
 
         Where no thread has begun with it, the call is made here and now; else this thread lends the team a hand while
-        it waits.
+        it waits. Raises RuntimeError in a process that was forked in between.
         """
         if self._board.take(self):
             self.make()
-        while not self._is_done:
+        while not self.is_over:
             other = self._board.next_or_done(self)
             if other is not None:
                 other.make()
-        if self._error is not None:
-            raise self._error
+        if self.error is not None:
+            raise self.error
         return self._value
 
     def withdraw(self) -> None:
@@ -117,7 +121,9 @@ class Started(Generic[_R]):
 
     @property
     def error(self) -> BaseException | None:
-        """What the call raised; None where it raised nothing, or was not made."""
+        """What the call raised, or that it is lost; None where it raised nothing, or was not made."""
+        if self.is_over and not self._is_done:
+            return RuntimeError("the call was started before this process was forked; start it anew")
         return self._error
 
     def __enter__(self) -> Started[_R]:
@@ -140,6 +146,11 @@ class Started(Generic[_R]):
         """Whether the call has been made."""
         return self._is_done
 
+    @property
+    def is_over(self) -> bool:
+        """Whether the call has been made or, in a forked child, never will be: the thread for it is not there."""
+        return self._is_done or self._process != os.getpid()
+
     def mark_done(self) -> None:
         """Note that the call has been made."""
         self._is_done = True
@@ -150,10 +161,15 @@ class _Board:
 
     def __init__(self, n_threads: int) -> None:
         self._n_threads = n_threads
+        self._is_closed = False
+        self.renew()
+        renew_in_children(self)
+
+    def renew(self) -> None:
+        """Begin without threads and without calls."""
         self._threads: list[threading.Thread] = []
         self._waiting: deque[Started[Any]] = deque()
         self._changed = threading.Condition()
-        self._is_closed = False
 
     def post(self, call: Started[Any]) -> None:
         """Offer a call."""
@@ -176,13 +192,13 @@ class _Board:
     def next_or_done(self, call: Started[Any]) -> Started[Any] | None:
         """Wait until there is another call to make, and take it, or return None when `call` has been made."""
         with self._changed:
-            self._changed.wait_for(lambda: call.is_done or self._waiting)
-            return None if call.is_done else self._waiting.popleft()
+            self._changed.wait_for(lambda: call.is_over or self._waiting)
+            return None if call.is_over else self._waiting.popleft()
 
     def wait_for(self, call: Started[Any]) -> None:
         """Wait until a call has been made."""
         with self._changed:
-            self._changed.wait_for(lambda: call.is_done)
+            self._changed.wait_for(lambda: call.is_over)
 
     def finish(self, call: Started[Any]) -> None:
         """Tell those who wait that a call has been made."""

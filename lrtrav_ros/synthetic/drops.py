@@ -69,7 +69,7 @@ def make_pits(
         If an argument is not as above.
     """
     check_type("config", config, SceneConfig)
-    check_number("half_width", half_width, most=_FARTHEST_M)
+    half_width = check_number("half_width", half_width, most=_FARTHEST_M)
     check_type("materials", materials, PitMaterials)
     check_array("path", path, np.float64, ("n", 3), may_be_empty=True)
     rng = np.random.default_rng((config.seed, 3))

@@ -192,7 +192,7 @@ def cast(scene: Scene, view: View, executor: Executor, n_parts: int) -> tuple[Re
     """
     _check_scene(scene)
     _check_view(view)
-    check_count("n_parts", n_parts, most=_MOST_PX)
+    n_parts = check_count("n_parts", n_parts, most=_MOST_PX)
     # Other types of numbers would have the kernels compiled anew.
     view = view._replace(focal_px=float(view.focal_px), cx=float(view.cx), cy=float(view.cy))
     size = (view.height, view.width)
@@ -269,9 +269,9 @@ def with_canopy(scene: Scene, places: NDArray[np.float64], share: float, *, heig
     _check_sun(scene.sun)
     check_array("places", places, np.float64, ("n", 2))
     check_range("places", places, -_FARTHEST_M, _FARTHEST_M)
-    check_number("share", share)
-    check_number("height_m", height_m, above=0, most=_FARTHEST_M)
-    check_number("sky_share", sky_share)
+    share = check_number("share", share)
+    height_m = check_number("height_m", height_m, above=0, most=_FARTHEST_M)
+    sky_share = check_number("sky_share", sky_share)
     for name, value in (("share", share), ("sky_share", sky_share)):
         if not 0 <= value <= 1:
             raise ValueError(f"{name} is {value}; give 0 to 1")
@@ -292,8 +292,8 @@ def ground_height(waves: NDArray[np.float64], x: float, y: float) -> float:
     """
     check_array("waves", waves, np.float64, ("n", 4), may_be_empty=True)
     check_range("waves", waves, -_FARTHEST_M, _FARTHEST_M)
-    check_number("x", x, most=_FARTHEST_M)
-    check_number("y", y, most=_FARTHEST_M)
+    x = check_number("x", x, most=_FARTHEST_M)
+    y = check_number("y", y, most=_FARTHEST_M)
     return float(np.sum(waves[:, 3] * np.sin(waves[:, 0] * x + waves[:, 1] * y + waves[:, 2])))
 
 
@@ -309,7 +309,7 @@ def path_middle(path: NDArray[np.float64], y: float) -> float:
     """
     check_array("path", path, np.float64, ("n", 3), may_be_empty=True)
     check_range("path", path, -_FARTHEST_M, _FARTHEST_M)
-    check_number("y", y, most=_FARTHEST_M)
+    y = check_number("y", y, most=_FARTHEST_M)
     return float(np.sum(path[:, 2] * np.sin(path[:, 0] * y + path[:, 1])))
 
 
@@ -323,7 +323,7 @@ def path_heading(path: NDArray[np.float64], y: float) -> float:
     y : float
         Way ahead [m].
     """
-    check_number("y", y, most=_FARTHEST_M / 2)
+    y = check_number("y", y, most=_FARTHEST_M / 2)
     return math.atan(path_middle(path, y + 0.5) - path_middle(path, y - 0.5))
 
 

@@ -145,8 +145,8 @@ def camera_view(config: SceneConfig, scene: Scene, index: int, *, side: int = 0)
     """
     check_type("config", config, SceneConfig)
     check_type("scene", scene, Scene)
-    check_count("index", index, least=0)
-    check_count("side", side, least=0, most=1)
+    index = check_count("index", index, least=0)
+    side = check_count("side", side, least=0, most=1)
     y = index * config.speed_m_s / config.rate_hz
     x = raycasting.path_middle(scene.path, y)
     yaw = math.atan2(raycasting.path_middle(scene.path, y + 0.5) - raycasting.path_middle(scene.path, y - 0.5), 1.0)

@@ -246,3 +246,11 @@ def test_what_is_no_grid_is_refused() -> None:
 def test_numbers_that_are_not_finite_are_refused() -> None:
     with pytest.raises(ValueError, match="give a finite number"):
         Grid(np.zeros((2, 3), np.int8), 0.1, (0.0, 0.0)).in_frame(math.nan, 0.0, 0.0)
+
+
+def test_numbers_of_numpy_become_those_of_python() -> None:
+    grid = Grid(np.zeros((2, 3), np.int8), np.float32(0.5), (np.int8(1), np.longdouble(2)))  # type: ignore[arg-type]
+    moved = grid.in_frame(np.longdouble(1.5), np.int8(100), np.float16(0))  # type: ignore[arg-type]
+    for value in (grid.resolution_m, *grid.origin_m, moved.resolution_m, *moved.origin_m):
+        assert type(value) is float
+    assert (moved.origin_m, moved.cells.shape) == ((2.5, 102.0), (2, 3))

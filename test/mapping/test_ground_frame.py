@@ -72,7 +72,21 @@ def test_up_gives_the_frame_back(pitch_deg, roll_deg):
     assert again.height_m == frame.height_m
 
 
-@pytest.mark.parametrize("up", [np.zeros(3), np.array([0.0, 0.0, -1.0]), np.array([0.0, np.nan, 0.0]), np.ones(2)])
+@pytest.mark.parametrize(
+    "up",
+    [np.zeros(3), np.array([0.0, 0.0, -1.0]), np.array([0.0, np.nan, 0.0]), np.ones(2), np.full(3, 5e-324)],
+)
 def test_no_direction_up_is_refused(up):
     with pytest.raises(ValueError, match=r"up .*; give"):
         GroundFrame.from_up(up, 1.0)
+
+
+@pytest.mark.parametrize("length", [1e-99, 1e99])
+def test_up_may_be_of_any_length(length):
+    np.testing.assert_allclose(GroundFrame.from_up(np.array([0.0, -length, 0.0]), 1.0).up, [0, -1, 0])
+
+
+@pytest.mark.parametrize("length", [1e200, -1e-200])
+def test_up_of_a_length_whose_square_is_no_number_is_refused(length):
+    with pytest.raises(ValueError, match=r"^up .*; give"):
+        GroundFrame.from_up(np.array([0.0, length, 0.0]), 1.0)

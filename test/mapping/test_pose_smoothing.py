@@ -86,3 +86,10 @@ def test_without_a_time_nothing_is_smoothed() -> None:
     follow(smoother, [pose(0.8, 12, -3)] * 4, rate_hz=10)
     assert values(smoother.add(pose(1.5, 3, 1), None)) == pytest.approx((1.5, 3, 1), abs=1e-9)
     assert values(smoother.add(pose(1.4, 2, 0), START_NS)) == pytest.approx((1.4, 2, 0), abs=1e-9)
+
+
+def test_times_of_numpy_are_as_good_as_those_of_python() -> None:
+    smoother, plain = PoseSmoother(), PoseSmoother()
+    for stamp_ns in (np.int8(100), np.uint64(127), 2**40, np.int64(2**62), np.int64(-(2**62)), np.uint64(5)):
+        found, expected = smoother.add(pose(), stamp_ns), plain.add(pose(), int(stamp_ns))
+        assert values(found) == values(expected)

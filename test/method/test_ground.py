@@ -10,9 +10,10 @@ import pytest
 from numpy.typing import NDArray
 
 from lrtrav_ros.camera import StereoCamera
-from lrtrav_ros.config import Config, GroundConfig
+from lrtrav_ros.config import Config, GroundConfig, settings_of
 from lrtrav_ros.method.ground import (
     GROUND,
+    LEAST_SLOPE,
     OBSTACLE,
     UNKNOWN,
     GroundLine,
@@ -278,3 +279,33 @@ def line_by_votes(histogram: NDArray[np.int32], camera: StereoCamera, config: Gr
     horizon, best = np.unravel_index(int(np.argmax(votes)), votes.shape)
     slope = math.exp(low + 0.03 * float(best))
     return GroundLine(slope, -slope * float(first + 2 * int(horizon))) if votes.max() > 0 else None
+
+
+@pytest.mark.parametrize("slope", [5e-324, 1e-310, 9e-21, 0.0, -1.0])
+def test_slopes_that_no_ground_has_are_refused(slope: float) -> None:
+    with pytest.raises(ValueError, match=r"^slope is .*; give a value above 0, at least 1e-20, for ground is nearer"):
+        GroundLine(slope, 0.0)
+
+
+def test_the_least_slope_leaves_the_height_finite_and_no_camera_needs_a_lesser_one() -> None:
+    wide = StereoCamera(fx=1e5, fy=1e-6, cx=0.0, cy=0.0, baseline_m=1000.0)
+    assert GroundLine(LEAST_SLOPE, 0.0).camera_height_m(wide) < np.finfo(np.float32).max
+    narrow = StereoCamera(fx=1e-6, fy=1e5, cx=0.0, cy=0.0, baseline_m=1e-6)
+    highest_m = settings_of(GroundConfig)["max_camera_height_m"].maximum
+    assert highest_m is not None
+    assert narrow.baseline_m * narrow.fx / narrow.fy / highest_m > LEAST_SLOPE
+
+
+@pytest.mark.parametrize("kind", [int, np.int8, np.float16, np.longdouble])
+def test_coefficients_are_floats_of_python(kind: type[float]) -> None:
+    line = GroundLine(kind(2), kind(-3), kind(0), kind(1))
+    assert line == GroundLine(2.0, -3.0, 0.0, 1.0)
+    assert {type(value) for value in (line.slope, line.intercept, line.tilt, line.bend)} == {float}
+
+
+def test_an_image_with_more_rows_than_can_be_counted_is_refused() -> None:
+    disparity = np.full((2**16, 2), 5, np.float32)
+    assert u_disparity(disparity[1:], n_disparities=7)[5].tolist() == [2**16 - 1] * 2
+    for refused in (lambda: u_disparity(disparity, n_disparities=7), lambda: detect_ground(disparity, CAMERA)):
+        with pytest.raises(ValueError, match=r"^disparity has 65536 rows; give at most 65535, as many as"):
+            refused()

@@ -161,3 +161,18 @@ def test_a_memory_gives_back_what_it_was_given_last() -> None:
     memory.remember(line_of(4.0), CAMERA, START_NS + SECOND_NS)
     assert memory.recall(CAMERA, START_NS + 2 * SECOND_NS) == line_of(4.0)
     assert memory.recall(CAMERA, START_NS + 2 * SECOND_NS + 1) is None
+
+
+def test_times_of_numpy_are_as_good_as_those_of_python() -> None:
+    memory, line = GroundMemory(GroundConfig(memory_s=1.0)), line_of()
+    memory.remember(line, CAMERA, np.int8(100))  # type: ignore[arg-type]
+    assert memory.recall(CAMERA, np.uint8(200)) == line  # type: ignore[arg-type]
+    assert memory.recall(CAMERA, -(2**63)) is None
+
+
+@pytest.mark.parametrize("stamp_ns", [1.5, "1", 2**63])
+def test_what_is_no_time_is_refused(stamp_ns: int) -> None:
+    memory = GroundMemory(GroundConfig(memory_s=1.0))
+    for use in (lambda: memory.remember(line_of(), CAMERA, stamp_ns), lambda: memory.recall(CAMERA, stamp_ns)):
+        with pytest.raises((TypeError, ValueError), match=r"^stamp_ns is .*; give"):
+            use()

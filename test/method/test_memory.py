@@ -168,3 +168,23 @@ def test_it_is_deterministic_and_keeps_its_own_copy() -> None:
         values[:] = 0
     assert remembered(first) == remembered(second)
     np.testing.assert_array_equal(recalled_evidence(first).ground, recalled_evidence(second).ground)
+
+
+def test_times_of_numpy_are_as_good_as_those_of_python() -> None:
+    memory = Memory(MemoryConfig(frames=3, max_gap_s=1.0))
+    for stamp_ns in (np.int8(1), np.uint64(10), 2**40):
+        memory.at(stamp_ns)
+        memory.remember(features(), evidence(), belief())
+    memory.at(np.uint64(5))  # back in time
+    assert len(memory) == 0
+    memory.at(2**62)
+
+
+def test_a_time_that_is_none_leaves_the_memory_as_it_was() -> None:
+    memory = Memory(MemoryConfig(frames=3))
+    memory.at(1)
+    memory.remember(features(), evidence(), belief())
+    with pytest.raises(TypeError, match=r"^stamp_ns is 1\.5; give a whole number$"):
+        memory.at(1.5)  # type: ignore[arg-type]
+    memory.at(2)
+    assert len(memory) > 0

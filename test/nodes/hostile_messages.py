@@ -197,7 +197,7 @@ def spoil_header(rng, message):
         message.header.stamp.sec = int(rng.choice(STAMPS_S))
         message.header.stamp.nanosec = int(rng.choice([0, 10**9, 2**32 - 1]))
     else:
-        message.header.frame_id = str(rng.choice(["", "x" * 1_000_000, "/../\n\0é" * 10]))
+        message.header.frame_id = str(rng.choice(["", "x" * 100_000, "/../\n\0é" * 10]))
 
 
 def spoil_image(rng, message):
@@ -206,7 +206,7 @@ def spoil_image(rng, message):
     name = rng.choice(fields)
     if name == "encoding":
         known = ("mono8", "mono16", "rgb8", "rgba16", "bayer_rggb8", "nv12", "yuv422", "32FC1", "16UC1", "8UC4")
-        message.encoding = str(rng.choice([*known, "", "64FC9", "bgr8;\0", "x" * 1_000_000]))
+        message.encoding = str(rng.choice([*known, "", "64FC9", "bgr8;\0", "x" * 100_000]))
     elif name in ("height", "width", "step"):
         setattr(message, name, int(rng.choice(SIZES)))
     elif name == "is_bigendian":

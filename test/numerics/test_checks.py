@@ -20,6 +20,7 @@ from lrtrav_ros.numerics.checks import (
     check_rotation,
     check_stamp,
     check_type,
+    is_rotation,
 )
 
 
@@ -97,6 +98,26 @@ def test_counts_pass(count: int) -> None:
     check_count("n_rows", count)
 
 
+@pytest.mark.parametrize("kind", [int, np.int8, np.uint8, np.int64, np.uint64])
+def test_counts_and_times_come_back_as_those_of_python(kind: type[int]) -> None:
+    for found in (check_count("n_rows", kind(3)), check_stamp(kind(3))):
+        assert type(found) is int
+        assert found == 3
+
+
+@pytest.mark.parametrize("kind", [int, float, np.int8, np.uint64, np.float16, np.float32, np.float64, np.longdouble])
+def test_numbers_come_back_as_those_of_python(kind: type[float]) -> None:
+    found = check_number("share", kind(3))
+    assert type(found) is float
+    assert found == 3
+
+
+@pytest.mark.parametrize("check", [check_count, check_number])
+def test_lengths_of_time_are_no_numbers(check: Any) -> None:
+    with pytest.raises(TypeError, match=r"^x is np.timedelta64\(5,'s'\); give a .*number$"):
+        check("x", np.timedelta64(5, "s"))
+
+
 @pytest.mark.parametrize(("count", "error"), [(0, ValueError), (-2, ValueError), (2.0, TypeError), (True, TypeError)])
 def test_other_counts_are_refused(count: int, error: type[Exception]) -> None:
     with pytest.raises(error, match=f"^n_rows is {count}; give "):
@@ -116,7 +137,10 @@ def test_numbers_pass(number: float) -> None:
 
 @pytest.mark.parametrize(
     ("number", "error"),
-    [(np.nan, ValueError), (-np.inf, ValueError), (10**400, ValueError), (True, TypeError), ("1", TypeError)],
+    [
+        *((value, ValueError) for value in (np.nan, -np.inf, 10**400, np.longdouble("1e4000"))),
+        *((True, TypeError), ("1", TypeError)),
+    ],
 )
 def test_other_numbers_are_refused(number: float, error: type[Exception]) -> None:
     with pytest.raises(error, match=r"^share is .*; give a (finite )?number$"):
@@ -165,3 +189,23 @@ def test_what_does_not_turn_is_no_rotation(matrix: Any, error: type[Exception], 
 
 def test_a_turn_is_a_rotation() -> None:
     check_rotation("turn", np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]))
+
+
+def test_what_turns_may_be_rounded_and_then_so_may_its_inverse() -> None:
+    rng = np.random.default_rng(0)
+    for _ in range(100):
+        turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+        turn *= np.linalg.det(turn)
+        for rounded in (turn.astype(np.float32).astype(np.float64), turn.round(6)):
+            check_rotation("turn", rounded)
+        for size in (4e-6, 8e-6, 2e-5):
+            bent = turn + rng.uniform(-size, size, (3, 3))
+            assert is_rotation(bent) == is_rotation(np.ascontiguousarray(bent.T))
+        assert not is_rotation(bent * (1 + 4e-5))
+
+
+@pytest.mark.parametrize("value", [1e200, -1.7e308, 3.0])
+def test_what_is_much_too_large_to_turn_is_refused_without_overflow(value: float) -> None:
+    for matrix in (np.full((3, 3), value), np.diag([1.0, 1.0, value])):
+        with pytest.raises(ValueError, match="give an orthonormal matrix"):
+            check_rotation("turn", matrix)

@@ -12,7 +12,7 @@ import pytest
 from lrtrav_ros.numerics.thread_team import ALONE, ThreadTeam
 
 TEAMS = (1, 2, 3, 5)
-DEADLINE_S = 20.0
+DEADLINE_S = 60.0
 
 
 def wait_until(condition: Callable[[], bool]) -> bool:
@@ -291,5 +291,5 @@ def test_an_error_that_nobody_asks_for_hurts_nobody() -> None:
 
 @pytest.mark.parametrize("n_threads", [0, -1])
 def test_a_team_without_threads_is_refused(n_threads: int) -> None:
-    with pytest.raises(ValueError, match=f"n_threads is {n_threads}; give at least 1"):
+    with pytest.raises(ValueError, match=f"n_threads is {n_threads}; give 1 to "):
         ThreadTeam(n_threads)

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lrtrav_ros.config import ElasConfig, StereoConfig
+from lrtrav_ros.numerics.checks import check_type
 from lrtrav_ros.numerics.thread_team import ALONE, ThreadTeam
 
 __all__ = ["MATCHERS", "Matcher", "create_matcher"]
 
 
+@runtime_checkable
 class Matcher(Protocol):
     """The interface of every matcher; several threads may share one."""
 
@@ -49,7 +51,15 @@ def create_matcher(stereo: StereoConfig, elas: ElasConfig, *, team: ThreadTeam =
         Settings of ELAS, which the others do not use.
     team : ThreadTeam
         Shares the work; the result does not depend on its number of threads.
+
+    Raises
+    ------
+    TypeError
+        If an argument is something else.
     """
+    check_type("stereo", stereo, StereoConfig)
+    check_type("elas", elas, ElasConfig)
+    check_type("team", team, ThreadTeam)
     return MATCHERS[stereo.matcher](stereo, elas, team)
 
 

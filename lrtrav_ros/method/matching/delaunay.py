@@ -6,7 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lrtrav_ros.method.matching import _delaunay_kernels as kernels
-from lrtrav_ros.numerics.checks import check_array, check_finite
+from lrtrav_ros.numerics.checks import check_array, check_range
+
+_FARTHEST = 1e15  # from the origin: fourth powers of coordinates stay finite
 
 
 def delaunay(points: NDArray[np.float64]) -> NDArray[np.int32]:
@@ -15,7 +17,7 @@ def delaunay(points: NDArray[np.float64]) -> NDArray[np.int32]:
     Parameters
     ----------
     points : (n, 2) ndarray of float64
-        Coordinates, all finite. Of points in one place, only one is used.
+        Coordinates, each from -1e15 to 1e15. Of points in one place, only one is used.
 
     Returns
     -------
@@ -43,7 +45,7 @@ def delaunay(points: NDArray[np.float64]) -> NDArray[np.int32]:
     [[0, 1, 2]]
     """
     check_array("points", points, np.float64, ("n", 2), may_be_empty=True)
-    check_finite("points", points)
+    check_range("points", points, -_FARTHEST, _FARTHEST)
     points = np.require(points, requirements=("C", "W"))  # kernels would be compiled anew for read-only arrays
     if len(points) < 3:
         return np.empty((0, 3), np.int32)

@@ -22,6 +22,7 @@ from lrtrav_ros.method.matching import _elas_kernels as kernels
 from lrtrav_ros.method.matching._grey_pair import grey_pair
 from lrtrav_ros.method.matching.delaunay import delaunay
 from lrtrav_ros.method.matching.refinement import refine
+from lrtrav_ros.numerics.checks import check_type
 from lrtrav_ros.numerics.thread_team import ALONE, ThreadTeam
 
 _LEFT, _RIGHT = 0, 1
@@ -68,6 +69,11 @@ class Elas:
     team : ThreadTeam
         Shares the work; the result does not depend on its number of threads.
 
+    Raises
+    ------
+    TypeError
+        If an argument is something else.
+
     Examples
     --------
     >>> left = np.random.default_rng(0).integers(0, 256, (40, 120), dtype=np.uint8)
@@ -79,8 +85,11 @@ class Elas:
     def __init__(
         self, stereo: StereoConfig | None = None, elas: ElasConfig | None = None, *, team: ThreadTeam = ALONE
     ) -> None:
-        self._stereo = stereo or StereoConfig()
-        self._elas = elas or ElasConfig()
+        self._stereo = StereoConfig() if stereo is None else stereo
+        self._elas = ElasConfig() if elas is None else elas
+        check_type("stereo", self._stereo, StereoConfig)
+        check_type("elas", self._elas, ElasConfig)
+        check_type("team", team, ThreadTeam)
         self._step = 2 if self._stereo.half_resolution else 1
         self._prior_gain = _prior_gain(self._elas)
         self._team = team

@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Protocol
 
 import cv2
@@ -13,6 +14,8 @@ from numpy.typing import NDArray
 
 from lrtrav_ros.config import StereoConfig
 from lrtrav_ros.method.matching._grey_pair import grey_pair
+from lrtrav_ros.numerics.checks import check_type
+from lrtrav_ros.numerics.forks import renew_in_children
 
 _SCALE = np.float32(16)  # OpenCV's disparities are in sixteenths of a pixel
 _SPECKLE_SIZE_PX = 200
@@ -32,8 +35,8 @@ class OpenCVMatcher:
 
     Raises
     ------
-    ValueError
-        If `stereo` names another matcher.
+    TypeError, ValueError
+        If `stereo` is something else, or names another matcher.
 
     Notes
     -----
@@ -41,6 +44,7 @@ class OpenCVMatcher:
     """
 
     def __init__(self, stereo: StereoConfig) -> None:
+        check_type("stereo", stereo, StereoConfig)
         if stereo.matcher not in _KINDS:
             raise ValueError(f"matcher is {stereo.matcher!r}; OpenCV has {' and '.join(_KINDS)}")
         kind = _KINDS[stereo.matcher]
@@ -48,7 +52,13 @@ class OpenCVMatcher:
         step = 2 if stereo.half_resolution else 1
         self._range = -(-stereo.n_disparities // (16 * step)) * 16
         self._block_size = max((stereo.block_size or kind.default_block_size) | 1, kind.least_block_size)
-        self._matcher = kind.create(self._range, self._block_size, _SPECKLE_SIZE_PX // step**2)
+        self._create = partial(kind.create, self._range, self._block_size, _SPECKLE_SIZE_PX // step**2)
+        self.renew()
+        renew_in_children(self)
+
+    def renew(self) -> None:
+        """Have a matcher of OpenCV that no thread uses; a forked child needs it."""
+        self._matcher = self._create()
         self._in_use = threading.Lock()
 
     def compute(self, left: NDArray[np.generic], right: NDArray[np.generic]) -> NDArray[np.float32]:

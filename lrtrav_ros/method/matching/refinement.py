@@ -46,7 +46,7 @@ def refine(
     """
     check_array("found", found, np.int16, ("H", "W"))
     check_type("elas", elas, ElasConfig)
-    check_count("halvings", halvings, least=0, most=_MOST_HALVINGS)
+    halvings = check_count("halvings", halvings, least=0, most=_MOST_HALVINGS)
     height, width = found.shape
     runs, first_runs = np.empty((found.size, 4), np.int32), np.empty(height + 1, np.int32)
     kernels.find_runs(found, int(elas.speckle_similarity_px), runs, first_runs)
