@@ -10,7 +10,7 @@ from pathlib import Path
 
 from ros_graph import ROOT
 
-START_S = 90.0  # kernels are compiled at the first start
+START_S = 300.0  # kernels are compiled at the first start
 END_S = 20.0
 _COMMAND = "import sys; from lrtrav_ros.commands import run; sys.exit(run(sys.argv[1], sys.argv[2:]))"
 
