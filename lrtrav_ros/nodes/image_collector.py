@@ -13,6 +13,7 @@ import rclpy
 from nav_msgs.msg import OccupancyGrid
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import QoSProfile
+from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import Image
 
 from lrtrav_ros.io.encodings import decode_message
@@ -41,7 +42,8 @@ class ImageCollector:
 
     def __init__(self, topics: Sequence[str], *, namespace: str) -> None:
         use_segment(IMAGES_PROFILE)
-        rclpy.init(args=[])
+        # Signals are those of the command; rclpy would shut ROS down meanwhile, in a thread of its own.
+        rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
         self.images: dict[int, dict[str, Any]] = defaultdict(dict)
         self._node = rclpy.create_node("collector", namespace=namespace)
         self._topics = topics

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import signal
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 
 import rclpy
 from rclpy.exceptions import NotInitializedException
@@ -29,7 +29,8 @@ def ros_shut_down() -> Iterator[None]:
     finally:
         for number in numbers:
             signal.signal(number, lambda *_: None)  # one of them would interrupt the shutdown
-        rclpy.try_shutdown()
+        with suppress(RuntimeError):  # the thread in which rclpy handles signals may be quicker
+            rclpy.try_shutdown()
         # Python gives signals back their own way as it ends: a second one, which `ros2 launch` sends, would kill it.
         for number in numbers:
             signal.signal(number, signal.SIG_IGN)

@@ -142,6 +142,29 @@ def test_a_time_that_rclpy_cannot_take_ends_no_node(graph, start):
     assert "rclpy cannot take a message: Seconds value must not be negative" in errors
 
 
+SHUT_DOWN_TWICE = """
+import rclpy
+from rclpy.context import Context
+from lrtrav_ros.nodes.ros_shutdown import ros_shut_down
+
+def late(context):
+    "Shut down as rclpy does, and just before as a signal does."
+    with context.handle:
+        context.handle.shutdown()
+        context.handle.shutdown()
+
+Context.try_shutdown = late
+rclpy.init()
+with ros_shut_down():
+    assert rclpy.ok()
+assert not rclpy.ok()
+"""
+
+
+def test_a_signal_while_ros_is_shut_down_ends_it_well(start):
+    check_ends_well(start("", code=SHUT_DOWN_TWICE))
+
+
 def check_ends_well(process):
     _, errors = process.communicate(timeout=300)
     assert process.returncode == 0
