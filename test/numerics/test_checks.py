@@ -114,7 +114,7 @@ def test_numbers_come_back_as_those_of_python(kind: type[float]) -> None:
 
 @pytest.mark.parametrize("check", [check_count, check_number])
 def test_lengths_of_time_are_no_numbers(check: Any) -> None:
-    with pytest.raises(TypeError, match=r"^x is np.timedelta64\(5,'s'\); give a .*number$"):
+    with pytest.raises(TypeError, match=r"^x is \w+\.timedelta64\(5,'s'\); give a .*number$"):
         check("x", np.timedelta64(5, "s"))
 
 
